@@ -1,0 +1,73 @@
+"""What a renderer is. Read this first; everything else in this package is an implementation.
+
+Adding an algorithm: one pure module in ``terrain/algorithms/``, one renderer here, its shaders under the same stem, one
+line in the table of ``terrain/renderers/__init__.py``. It then appears by itself in the panel, the command line, the
+contract tests, the chart and the stability suite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from terrain.frame import Frame, FrameStats
+from terrain.gpu.context import Gpu
+from terrain.heightfield import Diagonal
+from terrain.scene import Scene
+
+
+def setting(
+    default: Any, label: str, help: str, *, unit: str = "", range: tuple[float, float] | None = None,
+    choices: tuple[Any, ...] | None = None, rebuild: bool = False,
+) -> Any:  # fmt: skip
+    """A field of a `Settings`: ``label``, ``help``, ``unit``, ``range`` or ``choices`` build panel, CLI and JSON.
+
+    ``rebuild`` marks what cannot change on a living renderer: the stage then makes a new one.
+    """
+    metadata = {"label": label, "help": help, "unit": unit, "range": range, "choices": choices, "rebuild": rebuild}
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings every algorithm has; each adds its own fields in a frozen subclass."""
+
+    tolerance_px: float = setting(
+        1.0, "Tolerance", "Allowed geometric error on the screen.", unit="px", range=(0.25, 16.0)
+    )
+
+
+class Boxes(NamedTuple):
+    """Axis-aligned boxes for the boxes view: corners (n, 3) float64 world metres, and a level (n,) that colours them."""
+
+    lower_m: npt.NDArray[np.float64]
+    upper_m: npt.NDArray[np.float64]
+    level: npt.NDArray[np.int64]
+
+
+class Renderer(Protocol):
+    """One algorithm drawing one scene.
+
+    The stage calls `select` (CPU, timed on its own), then `draw` into the bound and cleared target, in whatever
+    ``frame.output`` asks for. `draw` may be called several times after one `select` (other outputs, wireframe) and, with
+    the selection frozen, with another camera: what it draws was chosen by the last `select`, where it is drawn from is
+    the frame's. It draws the surface with ``shaders/lib/output.glsl``, writes depth, leaves no GL state behind but what
+    the stage sets before each call, and fills `stats`.
+    """
+
+    name: ClassVar[str]  # "slicing": the stem
+    title: ClassVar[str]  # "Adaptive slicing"
+    source: ClassVar[str]  # the paper
+    Settings: ClassVar[type[Settings]]
+    diagonal: Diagonal  # the surface it promises to draw
+    settings: Any  # an instance of Settings; the stage assigns a new one when a setting changes
+    stats: FrameStats
+
+    def __init__(self, gpu: Gpu, scene: Scene, settings: Any) -> None: ...
+    def select(self, frame: Frame) -> None: ...
+    def draw(self, frame: Frame) -> None: ...
+    def boxes(self) -> Boxes: ...
+    def release(self) -> None: ...

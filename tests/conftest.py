@@ -1,0 +1,23 @@
+"""Shared by all tests: the real terrains, where they are present, and a GL context that fails on any GL error."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+DEMS = Path(os.environ.get("RELIEFSCOPE_DEMS", Path(__file__).resolve().parents[2] / "shared" / "dems"))
+
+
+@pytest.fixture(scope="session")
+def dem():
+    """``dem("N37W120.hgt")``: the path of a real terrain; the test is skipped where it is absent."""
+
+    def find(name: str) -> Path:
+        path = DEMS / name
+        if not path.exists():
+            pytest.skip(f"real terrain {name} is not here (set RELIEFSCOPE_DEMS to the folder that holds it)")
+        return path
+
+    return find
