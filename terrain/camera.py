@@ -80,7 +80,7 @@ class Camera:
         return projection @ rotation
 
     def side_planes(self, aspect: float) -> Floats:
-        """Unit normals (4, 3) of the frustum's left, right, bottom and top planes, pointing inwards; all pass the eye."""
+        """Unit normals (4, 3) of the left, right, bottom and top planes, pointing inwards; all contain the eye."""
         f = 1.0 / math.tan(math.radians(self.fov_deg) / 2.0)
         view = np.array([[f / aspect, 0, -1], [-f / aspect, 0, -1], [0, f, -1], [0, -f, -1]], np.float64)
         normals = view @ self.view_from_eye()

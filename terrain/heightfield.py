@@ -128,7 +128,7 @@ class Heightfield:
     def sha256(self) -> str:
         """Identity of the content (heights, spacing, holes): the key of every cache made from it."""
         digest = hashlib.sha256(np.array([*self.heights_m.shape, *self.spacing_m], np.float64).tobytes())
-        digest.update(memoryview(self.heights_m).cast("B"))
+        digest.update(self.heights_m.data.cast("B"))
         if self.holes is not None:
             digest.update(np.packbits(self.holes).tobytes())
         return digest.hexdigest()
@@ -160,7 +160,7 @@ class Heightfield:
 def surface_heights(
     heights: npt.NDArray[np.float32], col: Floats, row: Floats, diagonal: Diagonal = "alternating"
 ) -> Floats:
-    """Height of the piecewise linear surface at fractional posts; NaN outside. The twin of ``surface_height`` in GLSL."""
+    """Height of the surface at fractional posts; NaN outside. The twin of ``surface_height`` in GLSL."""
     rows, cols = heights.shape
     with np.errstate(invalid="ignore"):
         outside = ~((col >= 0) & (col <= cols - 1) & (row >= 0) & (row <= rows - 1))
