@@ -1,0 +1,181 @@
+"""The hierarchy's errors are true bounds, and its meshes fit, for any grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from terrain.algorithms.rtin import STEEPEST, Ladder, build_rtin, surface_weights
+from terrain.algorithms.rtin_mesh import FOOT, Patches, extract_meshes, extract_walls, select_walls
+
+
+def rough(rows: int, cols: int, seed: int, scale: float = 20.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    heights = rng.normal(0, 1, (rows, cols)).cumsum(0).cumsum(1) / np.sqrt(rows * cols) * scale
+    return (heights + rng.normal(0, scale / 10, (rows, cols))).astype(np.float32)
+
+
+def tile_all(shape: tuple[int, int], level: int, rung: int) -> Patches:
+    """Patches of one level and rung over the whole padded grid."""
+    row, col = (g.ravel().astype(np.int32) for g in np.indices(((shape[0] - 1) >> level, (shape[1] - 1) >> level)))
+    return Patches(np.full_like(row, level), row, col, np.full_like(row, rung))
+
+
+def mesh_heights(padded: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Height of a mesh of post numbers at every post of the padded grid, in float64; NaN where nothing covers it."""
+    stride = padded.shape[1]
+    surface = np.full(padded.shape, np.nan)
+    for triangle in triangles:
+        row, col = np.divmod(triangle, stride)
+        z = padded[row, col].astype(np.float64)
+        r, c = (g.astype(np.float64) for g in np.mgrid[row.min() : row.max() + 1, col.min() : col.max() + 1])
+        area = (col[1] - col[0]) * (row[2] - row[0]) - (col[2] - col[0]) * (row[1] - row[0])
+        b1 = ((c - col[0]) * (row[2] - row[0]) - (col[2] - col[0]) * (r - row[0])) / area
+        b2 = ((col[1] - col[0]) * (r - row[0]) - (c - col[0]) * (row[1] - row[0])) / area
+        inside = (b1 >= -1e-12) & (b2 >= -1e-12) & (b1 + b2 <= 1 + 1e-12)
+        window = surface[row.min() : row.max() + 1, col.min() : col.max() + 1]
+        window[inside] = (z[0] + b1 * (z[1] - z[0]) + b2 * (z[2] - z[0]))[inside]
+    return surface
+
+
+def pad_to(heights: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    return np.pad(heights, [(0, s - n) for s, n in zip(shape, heights.shape, strict=True)], mode="edge")
+
+
+grids = st.tuples(st.integers(2, 40), st.integers(2, 40), st.integers(0, 2**32 - 1))
+
+
+@settings(max_examples=40, deadline=None)
+@given(grid=grids, top=st.integers(1, 5), rung=st.integers(0, 24))
+def test_mesh_error_never_exceeds_its_rungs_error(grid, top, rung):
+    rows, cols, seed = grid
+    heights, spacing = rough(rows, cols, seed), (3.0, 2.0)
+    rtin = build_rtin(heights, spacing, top)
+    meshes = extract_meshes(rtin, tile_all(rtin.drop_rung.shape, top, rung))
+    padded = pad_to(heights, rtin.drop_rung.shape)
+    surface = mesh_heights(padded, meshes.triangles)
+    assert np.isfinite(surface).all()  # it covers every post
+    error = np.abs(surface[:rows, :cols] - heights) * surface_weights(heights, spacing)
+    assert error.max() <= rtin.ladder.error_m(rung) + 1e-5
+
+
+@settings(max_examples=40, deadline=None)
+@given(grid=grids, level=st.integers(0, 3), rung=st.integers(0, 20))
+def test_neighbours_on_one_rung_fit_without_t_vertices(grid, level, rung):
+    heights = rough(*grid)
+    rtin = build_rtin(heights, (1.0, 1.0), 3)
+    stride = rtin.drop_rung.shape[1]
+    triangles = extract_meshes(rtin, tile_all(rtin.drop_rung.shape, level, rung)).triangles
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    directed = set(map(tuple, edges.tolist()))
+    assert len(directed) == len(edges)  # every edge at most once each way: oriented alike, nothing overlaps
+    for a, b in directed:
+        if (b, a) not in directed:  # an edge with one triangle lies on the rim
+            (ra, ca), (rb, cb) = divmod(a, stride), divmod(b, stride)
+            last_row, last_col = rtin.drop_rung.shape[0] - 1, stride - 1
+            assert (ra == rb and ra in (0, last_row)) or (ca == cb and ca in (0, last_col))
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(2, 2), (17, 17), (2, 33), (31, 9)])
+def test_rung_zero_rebuilds_every_post_of_rough_ground(rows, cols):
+    heights = rough(rows, cols, 1)
+    rtin = build_rtin(heights, (1.0, 1.0), 3)
+    padded = pad_to(heights, rtin.drop_rung.shape)
+    surface = mesh_heights(padded, extract_meshes(rtin, tile_all(rtin.drop_rung.shape, 3, 0)).triangles)
+    np.testing.assert_allclose(surface[:rows, :cols], heights, atol=2 * rtin.ladder.exact_m)
+
+
+def test_plane_needs_two_triangles_a_patch():
+    row, col = np.indices((33, 33))
+    heights = (3 * row - 2 * col).astype(np.float32)
+    rtin = build_rtin(heights, (1.0, 1.0), 4)
+    meshes = extract_meshes(rtin, tile_all(rtin.drop_rung.shape, 4, 0))
+    assert np.diff(meshes.starts).tolist() == [2, 2, 2, 2]
+
+
+def test_one_needle_costs_only_the_triangles_around_it():
+    heights = np.zeros((65, 65), np.float32)
+    heights[33, 17] = 10.0
+    rtin = build_rtin(heights, (1.0, 1.0), 6)
+    meshes = extract_meshes(rtin, tile_all(rtin.drop_rung.shape, 6, 0))
+    assert 8 <= len(meshes.triangles) < 80  # of 8192
+    assert 33 * 65 + 17 in meshes.triangles
+
+
+def test_vertex_is_never_dropped_before_one_that_needs_it():
+    rtin = build_rtin(rough(65, 65, 5), (1.0, 1.0), 4)
+    few, many = (set(extract_meshes(rtin, tile_all((65, 65), 4, rung)).triangles.ravel().tolist()) for rung in (14, 10))
+    assert few < many
+    assert set(np.flatnonzero(rtin.drop_rung.ravel() > 14)) == few  # every vertex above the rung is really there
+
+
+def test_triangles_of_a_patch_follow_one_curve():
+    rtin = build_rtin(rough(33, 33, 2), (1.0, 1.0), 4)
+    meshes = extract_meshes(rtin, tile_all((33, 33), 4, 9))
+    for first, last in zip(meshes.starts[:-1], meshes.starts[1:], strict=True):
+        for one, two in zip(meshes.triangles[first : last - 1], meshes.triangles[first + 1 : last], strict=True):
+            assert len(set(one) & set(two)) == 2
+
+
+def test_patches_of_mixed_sizes_come_out_as_if_extracted_alone():
+    rtin = build_rtin(rough(65, 65, 8), (1.0, 1.0), 5)
+    patches = Patches(*np.array([[5, 4, 3, 4], [0, 2, 7, 3], [0, 1, 7, 3], [9, 14, 0, 11]], np.int32))
+    together = extract_meshes(rtin, patches)
+    for i in range(4):
+        alone = extract_meshes(rtin, patches.take(np.array([i])))
+        own = together.triangles[together.starts[i] : together.starts[i + 1]]
+        np.testing.assert_array_equal(own, alone.triangles)
+
+
+def test_weights_bound_the_normals_of_all_triangles_around_a_post():
+    heights, (dx, dz) = rough(12, 15, 3), (2.0, 3.0)
+    weights = surface_weights(heights, (dx, dz))
+    east, south = np.diff(heights, axis=1) / dx, np.diff(heights, axis=0) / dz
+    for row, col, leg_row, leg_col in np.ndindex(11, 14, 2, 2):
+        # A triangle has one leg along the north or south side of the cell and one along its west or east side.
+        up = 1 / np.sqrt(1 + east[row + leg_row, col] ** 2 + south[row, col + leg_col] ** 2)
+        assert (weights[row : row + 2, col : col + 2] >= max(up, STEEPEST) - 1e-6).all()
+    assert weights.max() <= 1
+
+
+def test_ladder_steps_agree_with_one_another():
+    ladder = Ladder(exact_m=1e-4, base_m=0.25)
+    rungs = np.arange(1, 40)
+    errors = ladder.error_m(rungs)
+    np.testing.assert_array_equal(ladder.coarsest_within(errors), rungs)
+    np.testing.assert_array_equal(ladder.first_without(errors.astype(np.float32)), rungs)
+    assert (ladder.error_m(ladder.coarsest_within(errors * 1.3)) <= errors * 1.3).all()
+    assert ladder.coarsest_within([0.0, 0.1])[0] == 0
+    assert ladder.first_without(np.array([0, 1e-5, 0.01], np.float32)).tolist() == [0, 0, 1]
+
+
+def wall_sides(kinds: list[tuple[int, int, int, int]], shape=(33, 33)) -> np.ndarray:
+    rtin = build_rtin(rough(*shape, 4), (1.0, 1.0), 4)
+    return select_walls(rtin, Patches(*np.array(kinds, np.int32).T), 3)
+
+
+def test_walls_stand_only_where_rung_or_size_differs():
+    # North-west patch of 16 cells beside another of the same rung, one of another rung below, nothing drawn at SE.
+    sides = wall_sides([(4, 0, 0, 5), (4, 0, 1, 5), (4, 1, 0, 6)])
+    assert sides.tolist() == [[False, True, False, False], [False] * 4, [True, False, False, False]]
+    # Two patches of 8 cells of the same rung beside one of 16.
+    sides = wall_sides([(4, 0, 0, 5), (3, 0, 2, 5), (3, 1, 2, 5)])
+    assert sides.tolist() == [[False, False, False, True], [False, False, True, False], [False, False, True, False]]
+
+
+def test_walls_hang_from_every_border_vertex_of_the_mesh():
+    rtin = build_rtin(rough(33, 33, 6), (1.0, 1.0), 4)
+    patches = Patches(*np.array([[4], [1], [0], [8]], np.int32))
+    meshes = extract_meshes(rtin, patches)
+    for side, on_side in enumerate(
+        (lambda r, c: r == 16, lambda r, c: r == 32, lambda r, c: c == 0, lambda r, c: c == 16)
+    ):
+        walls = extract_walls(rtin, patches, np.arange(4)[None] == side)
+        tops = walls[walls < FOOT]
+        border = {v for v in meshes.triangles.ravel().tolist() if on_side(*divmod(v, 33))}
+        assert set(tops.tolist()) == border
+        assert set((walls[walls >= FOOT] - FOOT).tolist()) == border
+        assert len(walls) == 2 * (len(border) - 1)
+    assert len(extract_walls(rtin, patches, np.zeros((1, 4), bool))) == 0
