@@ -1,0 +1,1 @@
+"""OpenGL, once: context, shader programs, the frame's uniform block, render targets, timers."""

@@ -8,7 +8,7 @@ contract tests, the chart and the stability suite.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,7 @@ class Settings:
 
 
 class Boxes(NamedTuple):
-    """Axis-aligned boxes for the boxes view: corners (n, 3) float64 world metres, and a level (n,) that colours them."""
+    """Axis-aligned boxes for the boxes view: corners (n, 3) in world metres, and a level (n,) that colours them."""
 
     lower_m: npt.NDArray[np.float64]
     upper_m: npt.NDArray[np.float64]
@@ -52,16 +52,16 @@ class Renderer(Protocol):
     """One algorithm drawing one scene.
 
     The stage calls `select` (CPU, timed on its own), then `draw` into the bound and cleared target, in whatever
-    ``frame.output`` asks for. `draw` may be called several times after one `select` (other outputs, wireframe) and, with
-    the selection frozen, with another camera: what it draws was chosen by the last `select`, where it is drawn from is
-    the frame's. It draws the surface with ``shaders/lib/output.glsl``, writes depth, leaves no GL state behind but what
-    the stage sets before each call, and fills `stats`.
+    ``frame.output`` asks for. `draw` may be called several times after one `select` (other outputs, wireframe) and,
+    with the selection frozen, with another camera: what it draws was chosen by the last `select`, where it is drawn
+    from is the frame's. It draws the surface with ``shaders/lib/output.glsl``, writes depth, restores what GL state it
+    changes, and fills `stats`.
     """
 
-    name: ClassVar[str]  # "slicing": the stem
-    title: ClassVar[str]  # "Adaptive slicing"
-    source: ClassVar[str]  # the paper
-    Settings: ClassVar[type[Settings]]
+    name: str  # "slicing": the stem
+    title: str  # "Adaptive slicing"
+    source: str  # the paper
+    Settings: type[Settings]
     diagonal: Diagonal  # the surface it promises to draw
     settings: Any  # an instance of Settings; the stage assigns a new one when a setting changes
     stats: FrameStats

@@ -1,0 +1,33 @@
+// The frame's uniform block; its CPU side is FRAME_DTYPE in terrain/gpu/frame_block.py.
+layout(std140) uniform Frame {
+    mat4 u_clip_from_eye;  // world axes, origin at the eye -> clip space; no translation
+    vec4 u_eye_post;       // xy: the post north-west of the eye (col, row); zw: the eye east and south of it [m]
+    vec4 u_eye_height;     // x + y: eye height [m] as two floats; z: near plane [m]; w: K, pixels per (size / distance)
+    vec4 u_grid;           // xy: cols, rows; zw: post spacing dx, dz [m]
+    vec4 u_viewport;       // xy: size [px]; zw: 1 / size
+    vec4 u_ray[3];         // sight ray through the lower left corner, then its change across and up the picture
+    vec4 u_sun;            // xyz: unit vector to the sun; w: sunlight switched on (0 or 1)
+    vec4 u_fog;            // x: density [1/m] at height y [m]; z: falloff with height [1/m]; w: unused
+    vec4 u_fog_colour;
+    vec4 u_zenith;         // sky colours
+    vec4 u_horizon;
+    vec4 u_contour;        // x: interval [m]; y: every n-th is bold; z: line width [px]; w: exaggeration of heights
+    vec4 u_drape[2];       // rows of the affine map from posts to the draped image's texture coordinates
+};
+
+// Height of a post relative to the eye [m]; the subtraction is exact where the two are close.
+float height_from_eye(float height_m) {
+    return (height_m - u_eye_height.x) - u_eye_height.y;
+}
+
+// Position relative to the eye [m] of a post at a height. Whole posts are subtracted exactly, so that whoever shares a
+// post computes the same bits, and a northing of 6 million metres does not shake the picture.
+vec3 position_of(vec2 post, float height_m) {
+    vec2 xz = (post - u_eye_post.xy) * u_grid.zw - u_eye_post.zw;
+    return vec3(xz.x, height_from_eye(height_m), xz.y);
+}
+
+// Absolute height [m] of a point relative to the eye.
+float height_of(float y_m) {
+    return y_m + (u_eye_height.x + u_eye_height.y);
+}

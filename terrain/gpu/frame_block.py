@@ -1,0 +1,81 @@
+"""The one uniform block every program shares: ``layout(std140) uniform Frame`` in ``shaders/lib/frame.glsl``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from terrain.frame import Frame
+from terrain.gpu.context import Gpu
+from terrain.gpu.programs import FRAME_BINDING
+from terrain.heightfield import Heightfield
+
+# Field by field as in the shader; every one is a vec4, so that std140 needs no padding.
+FRAME_DTYPE = np.dtype(
+    [
+        ("clip_from_eye", np.float32, (4, 4)),
+        ("eye_post", np.float32, 4),
+        ("eye_height", np.float32, 4),
+        ("grid", np.float32, 4),
+        ("viewport", np.float32, 4),
+        ("ray", np.float32, (3, 4)),
+        ("sun", np.float32, 4),
+        ("fog", np.float32, 4),
+        ("fog_colour", np.float32, 4),
+        ("zenith", np.float32, 4),
+        ("horizon", np.float32, 4),
+        ("contour", np.float32, 4),
+        ("drape", np.float32, (2, 4)),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Look:
+    """The part of the block that does not depend on the camera; made by `terrain.textures.look`."""
+
+    sun: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)
+    fog: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    fog_colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    zenith: tuple[float, float, float, float] = (0.3, 0.5, 0.8, 1.0)
+    horizon: tuple[float, float, float, float] = (0.8, 0.9, 1.0, 1.0)
+    contour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    drape: tuple[tuple[float, ...], tuple[float, ...]] = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+
+
+class FrameBlock:
+    """The buffer behind the block, written once per frame."""
+
+    def __init__(self, gpu: Gpu) -> None:
+        self._buffer: moderngl.Buffer = gpu.ctx.buffer(reserve=FRAME_DTYPE.itemsize, dynamic=True)
+
+    def write(self, frame: Frame, heightfield: Heightfield, look: Look) -> None:
+        """Upload the block of ``frame`` and bind it."""
+        self._buffer.write(pack_frame(frame, heightfield, look).tobytes())
+        self._buffer.bind_to_uniform_block(FRAME_BINDING)
+
+    def release(self) -> None:
+        self._buffer.release()
+
+
+def pack_frame(frame: Frame, heightfield: Heightfield, look: Look) -> np.ndarray:
+    """The bytes of the block: one record of FRAME_DTYPE."""
+    block = np.zeros((), FRAME_DTYPE)
+    x, y, z = frame.eye_m
+    dx, dz = heightfield.spacing_m
+    width, height = frame.viewport_px
+    block["clip_from_eye"] = frame.clip_from_eye.T  # GLSL stores columns
+    col, row = np.floor(x / dx), np.floor(z / dz)
+    block["eye_post"] = (col, row, x - col * dx, z - row * dz)
+    high = np.float32(y)  # two floats: heights minus the eye lose no bit at 1e6 m
+    block["eye_height"] = (high, y - np.float64(high), frame.near_m, frame.pixels_per_radian)
+    block["grid"] = (heightfield.cols, heightfield.rows, dx, dz)
+    block["viewport"] = (width, height, 1.0 / width, 1.0 / height)
+    corner = np.array([[-1, -1], [1, -1], [-1, 1]]) * np.tan(np.radians(frame.camera.fov_deg) / 2) * [frame.aspect, 1]
+    view = np.concatenate([corner, -np.ones((3, 1))], axis=1) @ frame.camera.view_from_eye()
+    block["ray"][:, :3] = view[0], view[1] - view[0], view[2] - view[0]  # lower left, then across, then up
+    for name in ("sun", "fog", "fog_colour", "zenith", "horizon", "contour", "drape"):
+        block[name] = getattr(look, name)
+    return block
