@@ -140,8 +140,8 @@ def build_rtin(heights_m: Grid, spacing_m: tuple[float, float], top_level: int) 
     rows, cols = heights_m.shape
     size = 1 << top_level
     padded_rows, padded_cols = padded_shape(rows, cols, top_level)
-    scale = max(float(np.abs(heights_m).max()), np.finfo(np.float32).tiny)
-    ladder = Ladder(exact_m=scale * 2.0**-21, base_m=max(min(spacing_m) / 256.0, scale * 2.0**-20))
+    scale = max(float(np.abs(heights_m).max()), float(np.finfo(np.float32).tiny))
+    ladder = Ladder(exact_m=scale * 2.0**-21, base_m=max(float(min(spacing_m)) / 256.0, scale * 2.0**-20))
     weights = surface_weights(heights_m, spacing_m)
     drop_rung = np.zeros((padded_rows, padded_cols), np.uint8)
     drop_rung[::size, ::size] = 255
