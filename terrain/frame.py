@@ -73,7 +73,7 @@ class Frame:
 class FrameStats:
     """What one frame cost. Counts are exact; a figure that was not measured stays None.
 
-    ``extra`` holds figures of one algorithm only, keyed by a short label for the panel (``"tiles"``, ``"fans"`` ...).
+    ``frame_ms`` is the whole frame as measured by who presents it. ``extra`` holds figures of one algorithm only, keyed by a short label for the panel (``"tiles"``, ``"fans"`` ...).
     """
 
     triangles: int = 0
@@ -86,4 +86,5 @@ class FrameStats:
     select_ms: float | None = None
     submit_ms: float | None = None
     gpu_ms: float | None = None
+    frame_ms: float | None = None
     extra: dict[str, float] = field(default_factory=dict)

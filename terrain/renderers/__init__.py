@@ -1,6 +1,11 @@
 """The renderers: how each algorithm draws. One line per algorithm in the table below."""
 
 from terrain.renderers.base import Renderer
+from terrain.renderers.geomorph import GeomorphRenderer
 from terrain.renderers.reference import ReferenceRenderer
 
-RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in (ReferenceRenderer,)}
+_TABLE: tuple[type[Renderer], ...] = (
+    ReferenceRenderer,
+    GeomorphRenderer,
+)
+RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in _TABLE}

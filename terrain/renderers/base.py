@@ -7,7 +7,7 @@ contract tests, the chart and the stability suite.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -17,18 +17,7 @@ from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import Gpu
 from terrain.heightfield import Diagonal
 from terrain.scene import Scene
-
-
-def setting(
-    default: Any, label: str, help: str, *, unit: str = "", range: tuple[float, float] | None = None,
-    choices: tuple[Any, ...] | None = None, rebuild: bool = False,
-) -> Any:  # fmt: skip
-    """A field of a `Settings`: ``label``, ``help``, ``unit``, ``range`` or ``choices`` build panel, CLI and JSON.
-
-    ``rebuild`` marks what cannot change on a living renderer: the stage then makes a new one.
-    """
-    metadata = {"label": label, "help": help, "unit": unit, "range": range, "choices": choices, "rebuild": rebuild}
-    return field(default=default, metadata=metadata)
+from terrain.settings import setting as setting
 
 
 @dataclass(frozen=True)
