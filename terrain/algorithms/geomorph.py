@@ -11,19 +11,20 @@ detail*, Journal of WSCG 11 (2003): tiles (section 2), levels by screen-space er
   drawn, its fraction the v of table 3. With ``tol = tolerance * distance / K`` the ramp of level l runs from
   ``t0 = max(eps_l, eps_{l+1} / 2)`` to ``eps_{l+1}``, so that the drawn surface ``(1 - v) S_l + v S_{l+1}`` errs by
   tol at most.
-* *Neighbours at most one level apart* becomes ``|lambda_a - lambda_b| <= 1``: an exact L1 distance transform, two
-  running minima per axis, in place of pointers between neighbours.
+* *Neighbours at most one level apart* becomes ``|lambda_a - lambda_b| <= 1``: an exact L1 distance transform in place
+  of pointers between neighbours.
 * Table 4 becomes one rule: a shared edge has ``lambda_e = max`` of its two sides, from whichever side it is drawn.
 * Quiet tiles are joined: four tiles that have reached their coarsest level become one tile of twice the size, and so
-  on. Its level lies in (t - 1, t] for a tile of 2^t cells; on an edge towards smaller tiles it stays at t - 1. The same
-  distance transform on the joined tiles keeps sizes of neighbours within a factor of two and everything continuous.
+  on. Its level lies in [t - 1, t] for a tile of 2^t cells; on an edge towards smaller tiles it stays at t - 1. It may
+  pass t - 1 by as much as its neighbours' tiles of half the size have passed t - 2: sizes of neighbours stay within a
+  factor of two and everything stays continuous.
 * Light is baked from the full terrain, so normals need no morph (section 2.3's second interpolation).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +37,7 @@ from terrain.scene import Scene
 Driver = Literal["distance", "time", "frames", "off"]
 Grid = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
+Window = tuple[slice, slice]
 
 LARGEST_TILE_LEVEL = 8  # joined tiles of up to 256 cells
 RAMP_GAP = 1.05  # successive ramp ends differ by at least this factor: every ramp has a width
@@ -60,8 +62,9 @@ class Tiles(NamedTuple):
 class _Tier:
     """Static data of all tiles of one size, arrays (rows, cols).
 
-    ``start`` and ``scale`` (levels, rows, cols) are the ramps: v = clip((tol - start) * scale, 0, 1). The smallest tiles
-    have a ramp for each of their levels, joined ones a single ramp for their last.
+    ``start`` and ``scale`` (levels, rows, cols) are the ramps: v = clip((tol - start) * scale, 0, 1). The smallest
+    tiles have a ramp for each of their levels, joined ones a single ramp for their last. ``full`` is the tol at which a
+    tile reaches its coarsest level, ``parts_full`` the tol at which all four parts of a joined tile have.
     """
 
     size_level: int
@@ -69,6 +72,8 @@ class _Tier:
     maximum_m: Grid
     start: Grid
     scale: Grid
+    full: Grid
+    parts_full: Grid
 
 
 class TileLevels:
@@ -90,10 +95,10 @@ class TileLevels:
         self.size_level = tile_cells.bit_length() - 1
         last = min(max(pyramid.top_level, self.size_level), LARGEST_TILE_LEVEL) if join else self.size_level
         largest = [-(-n >> last) << (last - self.size_level) for n in self.cells]  # smallest tiles, padded
-        self.tiers = [
-            _build_tier(pyramid, t, self.size_level, [n >> (t - self.size_level) for n in largest])
-            for t in range(self.size_level, last + 1)
-        ]
+        self.tiers: list[_Tier] = []
+        for t in range(self.size_level, last + 1):
+            shape = [n >> (t - self.size_level) for n in largest]
+            self.tiers.append(_build_tier(pyramid, t, shape, self.tiers[-1] if self.tiers else None))
         self._drawn: list[Grid] | None = None  # lambda as drawn, per tier: what time- and frame-driven morphs move
         self._time_s: float | None = None
 
@@ -111,25 +116,27 @@ class TileLevels:
         tolerance_px : float
         driver : {"distance", "time", "frames", "off"}
             ``distance``: lambda follows the eye's position, nothing moves while the eye rests. ``time`` and ``frames``:
-            lambda moves towards it by one level in ``morph_s`` seconds or ``morph_frames`` frames. ``off``: whole levels.
+            lambda moves towards it by one level in ``morph_s`` seconds or ``morph_frames`` frames. ``off``: whole
+            levels.
         starts_per_frame : int or None
             How many tiles may leave their level in one frame; the others wait at its end (the paper's queue).
         """
         if not len(visible.level):
             return _no_tiles()
-        mask = self._visible_mask(visible)
+        masks = self._visible_masks(visible)
+        tolerance = np.float32(tolerance_px / frame.pixels_per_radian)
         stateless = driver in ("distance", "off") and starts_per_frame is None
-        window = self._window(mask) if stateless else (slice(0, mask.shape[0]), slice(0, mask.shape[1]))
-        fields = self._targets(frame, tolerance_px, window)
-        if not stateless:
-            step = self._step(frame, driver, morph_s, morph_frames)
-            fields = self._drawn = self._follow(fields, step, starts_per_frame)
-        else:
+        windows, fields = self._targets(frame, tolerance, masks, everywhere=not stateless)
+        if stateless:
             self.reset()
-        levels = self._constrain(fields)
+        else:
+            fields = self._drawn = self._follow(
+                fields, self._step(frame, driver, morph_s, morph_frames), starts_per_frame
+            )
         if driver == "off":
-            levels = [np.floor(level) for level in levels]
-        return self._collect(levels, mask[window], window)
+            fields = [np.floor(field) for field in fields]
+        levels, joined = self._constrain(fields, windows)
+        return self._collect(levels, joined, masks, windows)
 
     def reset(self) -> None:
         """Forget what was drawn: the next selection starts at its targets."""
@@ -148,8 +155,8 @@ class TileLevels:
         lower = np.stack([first[:, 0], low, first[:, 1]], axis=1)
         return lower, np.stack([last[:, 0], high, last[:, 1]], axis=1)
 
-    def _visible_mask(self, nodes: Nodes) -> Bools:
-        """Which smallest tiles lie in a visible node; padded to whole tiles of the largest size."""
+    def _visible_masks(self, nodes: Nodes) -> list[Bools]:
+        """Per tier: which tiles lie in a visible node."""
         rows, cols = self.tiers[0].minimum_m.shape
         unit = 1 << max(int(nodes.level.max()) - self.size_level, 0)
         mask = np.zeros((-(-rows // unit) * unit, -(-cols // unit) * unit), np.bool_)
@@ -158,47 +165,57 @@ class TileLevels:
             size = 1 << (level - self.size_level)
             blocks = mask.reshape(mask.shape[0] // size, size, mask.shape[1] // size, size)
             blocks[nodes.row[at], :, nodes.col[at], :] = True
-        return mask[:rows, :cols]
+        masks = [mask[:rows, :cols]]
+        for _ in self.tiers[1:]:
+            masks.append(_join(masks[-1], np.logical_or))
+        return masks
 
-    def _window(self, mask: Bools) -> tuple[slice, slice]:
-        """The part of the grid that can influence a visible tile: lambda reaches as far as it has levels."""
-        unit = 1 << (self.tiers[-1].size_level - self.size_level)
-        margin = max(self.size_level, 2 * unit)
-        window = []
-        for axis in (0, 1):
-            found = np.flatnonzero(mask.any(axis=1 - axis))
-            first = max(int(found[0]) - margin, 0) // unit * unit
-            last = min(-(-(int(found[-1]) + 1 + margin) // unit) * unit, mask.shape[axis])
-            window.append(slice(first, last))
-        return window[0], window[1]
+    def _targets(
+        self, frame: Frame, tolerance: np.float32, masks: list[Bools], everywhere: bool
+    ) -> tuple[list[Window], list[Grid]]:
+        """Per tier: the window worth looking at, and in it the level wished for from the eye's position alone.
 
-    def _targets(self, frame: Frame, tolerance_px: float, window: tuple[slice, slice]) -> list[Grid]:
-        """Per tier: lambda wished for from the eye's position alone, (0..t) for the smallest tiles, v for joined ones."""
-        eye, (dx, dz) = frame.eye_m, self.spacing_m
-        tolerance = np.float32(tolerance_px / frame.pixels_per_radian)
-        fields = []
-        for tier in self.tiers:
-            shift = tier.size_level - self.size_level
-            rows, cols = (slice(w.start >> shift, w.stop >> shift) for w in window)
-            minimum, maximum = tier.minimum_m[rows, cols], tier.maximum_m[rows, cols]
-            size = 1 << tier.size_level
-            gap_x = _gap(np.arange(cols.start, cols.start + minimum.shape[1]) * size, size, self.cells[1], dx, eye[0])
-            gap_z = _gap(np.arange(rows.start, rows.start + minimum.shape[0]) * size, size, self.cells[0], dz, eye[2])
-            height = np.float32(eye[1])
-            tol = np.maximum(minimum - height, height - maximum)
-            np.maximum(tol, 0, out=tol)
-            np.square(tol, out=tol)
-            tol += (gap_x**2)[None, :]
-            tol += (gap_z**2)[:, None]
-            np.sqrt(tol, out=tol)
-            tol *= tolerance
-            total = np.zeros_like(tol)
+        The field holds lambda (0..t) for the smallest tiles, v (0..1) for joined ones. From large tiles to small: only
+        where some part of a large tile has not reached its coarsest level do smaller tiles matter.
+        """
+        windows: list[Window] = []
+        fields: list[Grid] = []
+        window = _whole(masks[-1])
+        for index in range(len(self.tiers) - 1, -1, -1):
+            tier = self.tiers[index]
+            tol = self._tolerance_m(tier, window, frame.eye_m, tolerance)
+            field = np.zeros_like(tol)
             for start, scale in zip(tier.start, tier.scale, strict=True):
-                v = tol - start[rows, cols]
-                v *= scale[rows, cols]
-                total += np.clip(v, 0, 1, out=v)
-            fields.append(total)
-        return fields
+                v = tol - start[window]
+                v *= scale[window]
+                field += np.clip(v, 0, 1, out=v)
+            windows.insert(0, window)
+            fields.insert(0, field)
+            if index and everywhere:
+                window = _whole(masks[index - 1])
+            elif index:
+                # A ring around what is visible counts too, so that turning the head changes nothing in the middle.
+                needed = np.zeros(masks[index].shape, np.bool_)
+                needed[window] = _grown(masks[index][window]) & (tol < tier.parts_full[window])
+                margin = self.size_level + 2  # as far as a tile limits others, in parts of this tile
+                window = _parts_window(_bounding_window(needed), window, margin)
+        return windows, fields
+
+    def _tolerance_m(self, tier: _Tier, window: Window, eye: npt.NDArray[np.float64], tolerance: np.float32) -> Grid:
+        """The error [m] allowed at the nearest point of each tile."""
+        (dx, dz), size = self.spacing_m, 1 << tier.size_level
+        rows, cols = (np.arange(w.start, w.stop) * size for w in window)
+        gap_x = _gap(cols, size, self.cells[1], dx, eye[0])
+        gap_z = _gap(rows, size, self.cells[0], dz, eye[2])
+        height = np.float32(eye[1])
+        tol = np.maximum(tier.minimum_m[window] - height, height - tier.maximum_m[window])
+        np.maximum(tol, 0, out=tol)
+        np.square(tol, out=tol)
+        tol += (gap_x**2)[None, :]
+        tol += (gap_z**2)[:, None]
+        np.sqrt(tol, out=tol)
+        tol *= tolerance
+        return tol
 
     def _step(self, frame: Frame, driver: Driver, morph_s: float, morph_frames: int) -> float:
         """Levels by which lambda may move in this frame."""
@@ -229,48 +246,61 @@ class TileLevels:
             moved.append(new)
         return moved
 
-    def _constrain(self, fields: list[Grid]) -> list[Grid]:
-        """Per tier: lambda under the neighbour rule. A tile of size t > the smallest exists where lambda > t - 1."""
-        levels = [_limit_slope(fields[0])]
-        for tier, field in zip(self.tiers[1:], fields[1:], strict=True):
-            finer = levels[-1]
-            least = np.minimum(
-                np.minimum(finer[::2, ::2], finer[1::2, ::2]), np.minimum(finer[::2, 1::2], finer[1::2, 1::2])
+    def _constrain(self, fields: list[Grid], windows: list[Window]) -> tuple[list[Grid], list[Bools]]:
+        """Per tier: lambda under the neighbour rule, and which tiles exist: all of the smallest, the joined others."""
+        levels = [_limit_slope(fields[0], self.size_level)]
+        joined = [np.ones(levels[0].shape, np.bool_)]
+        for index in range(1, len(self.tiers)):
+            full = np.float32(self.tiers[index].size_level - 1)
+            window, inner = windows[index], windows[index - 1]
+            least = np.full(fields[index].shape, full)  # outside the smaller tiles' window all parts are full
+            inside = tuple(
+                slice(i.start // 2 - w.start, i.stop // 2 - w.start) for i, w in zip(inner, window, strict=True)
             )
-            full = least >= tier.size_level - 1
-            levels.append(_limit_slope(np.where(full, np.float32(tier.size_level - 1) + field, least)))
-        return levels
+            within = np.zeros(least.shape, np.bool_)
+            if levels[-1].size:
+                least[inside[0], inside[1]] = _join(levels[-1], np.minimum)
+                within[inside[0], inside[1]] = True
+            around = np.pad(least, 1, mode="edge")
+            limit = np.minimum(
+                np.minimum(around[:-2, 1:-1], around[2:, 1:-1]), np.minimum(around[1:-1, :-2], around[1:-1, 2:])
+            )
+            level = np.minimum(full + fields[index], limit + 1)
+            exists = ((least >= full) & (level >= full)) | ~within
+            levels.append(np.where(exists, np.maximum(level, full), least))
+            joined.append(exists)
+        return levels, joined
 
-    def _collect(self, levels: list[Grid], mask: Bools, window: tuple[slice, slice]) -> Tiles:
+    def _collect(
+        self, levels: list[Grid], joined: list[Bools], masks: list[Bools], windows: list[Window]
+    ) -> Tiles:  # fmt: skip
         """Visible tiles of all sizes with the levels of their edges."""
-        masks = [mask]
-        for _ in self.tiers[1:]:
-            finer = masks[-1]
-            masks.append(finer[::2, ::2] | finer[1::2, ::2] | finer[::2, 1::2] | finer[1::2, 1::2])
         parts: list[Tiles] = []
         covered = np.zeros(levels[-1].shape, np.bool_)
         for index in range(len(self.tiers) - 1, -1, -1):
-            tier, lam = self.tiers[index], levels[index]
-            t = tier.size_level
-            joined = np.ones(lam.shape, np.bool_) if index == 0 else lam > t - 1
-            row, col = np.nonzero(joined & ~covered & masks[index])
+            lam, exists, window = levels[index], joined[index], windows[index]
+            t = self.tiers[index].size_level
+            row, col = np.nonzero(exists & ~covered & masks[index][window])
             if len(row):
-                # What a neighbour of the same size offers at the shared edge: its lambda; t where it is part of a larger
-                # tile; t - 1 where there are smaller ones.
-                offer = np.where(covered, np.float32(t), np.where(joined, lam, np.float32(t - 1)))
+                # What a neighbour of the same size offers at the shared edge: its lambda; t where it is part of a
+                # larger tile; -1 where there are smaller ones.
+                offer = np.where(covered, np.float32(t), np.where(exists, lam, np.float32(-1)))
                 offer = np.pad(offer, 1, mode="edge")
+                width, flat = offer.shape[1], offer.ravel()
+                at = (row + 1) * width + (col + 1)
                 own = lam[row, col]
-                edge = np.stack(
-                    [offer[row, col + 1], offer[row + 2, col + 1], offer[row + 1, col], offer[row + 1, col + 2]], axis=1
-                )
-                shared = np.maximum(edge, own[:, None])
-                edge = shared if index == 0 else np.where(edge <= t - 1, np.float32(t - 1), shared)
+                edge = np.stack([flat[at + step] for step in (-width, width, -1, 1)], axis=1)
+                edge = np.where(edge < 0, np.float32(t - 1), np.maximum(edge, own[:, None]))
                 level = np.floor(np.minimum(own, edge.min(axis=1))).astype(np.int32)
-                shift = t - self.size_level
-                post = np.stack([col + (window[1].start >> shift), row + (window[0].start >> shift)], axis=1) << t
+                post = np.stack([col + window[1].start, row + window[0].start], axis=1) << t
                 parts.append(Tiles(post.astype(np.int32), np.full(len(row), t, np.int32), level, own, edge))
             if index:
-                covered = np.repeat(np.repeat(covered | joined, 2, axis=0), 2, axis=1)
+                inner = windows[index - 1]
+                gone = np.repeat(np.repeat(covered | exists, 2, axis=0), 2, axis=1)
+                covered = gone[
+                    inner[0].start - 2 * window[0].start : inner[0].stop - 2 * window[0].start,
+                    inner[1].start - 2 * window[1].start : inner[1].stop - 2 * window[1].start,
+                ]
         return Tiles(*(np.concatenate(column) for column in zip(*parts[::-1], strict=True))) if parts else _no_tiles()
 
 
@@ -279,14 +309,17 @@ def tile_triangles(tiles: Tiles) -> int:
     return int(np.left_shift(2, 2 * (tiles.size_level - tiles.level).astype(np.int64)).sum())
 
 
-def _build_tier(pyramid: Pyramid, size_level: int, smallest: int, shape: list[int]) -> _Tier:
+def _build_tier(pyramid: Pyramid, size_level: int, shape: list[int], smaller: _Tier | None) -> _Tier:
     """Bounds and ramps of all tiles of 2^size_level cells, padded to ``shape`` by tiles that limit nothing."""
     stored = min(size_level, pyramid.top_level)
     minimum, maximum = pyramid.minimum(stored), pyramid.maximum(stored)
-    first = 0 if size_level == smallest else size_level - 1
+    missing = [(0, n - m) for n, m in zip(shape, minimum.shape, strict=True)]
+    first = 0 if smaller is None else size_level - 1
     errors = [pyramid.error(stored, min(l, stored)) for l in range(first, size_level + 1)]
+    errors = [np.pad(error, missing) for error in errors]
     floor = np.float32(1e-6) * np.float32(max(float(np.abs(maximum).max()), 1e-3))
-    below = errors[0]
+    parts_full = np.zeros(shape, np.float32) if smaller is None else _join(smaller.full, np.maximum)
+    below = errors[0] if smaller is None else np.maximum(errors[0], parts_full)
     start, scale = [], []
     for error in errors[1:]:
         end = np.maximum(error, np.maximum(below * np.float32(RAMP_GAP), floor))
@@ -294,15 +327,52 @@ def _build_tier(pyramid: Pyramid, size_level: int, smallest: int, shape: list[in
         start.append(begin)
         scale.append(1 / (end - begin))
         below = end
-    missing = [(0, n - m) for n, m in zip(shape, minimum.shape, strict=True)]
-    along = [(0, 0), *missing]
+    inside = np.pad(np.ones(minimum.shape, np.bool_), missing)
     return _Tier(
         size_level,
         np.pad(minimum, missing),
         np.pad(maximum, missing),
-        np.pad(np.stack(start), along, constant_values=-2.0),
-        np.pad(np.stack(scale), along, constant_values=1.0),
+        np.where(inside, np.stack(start), np.float32(-2)),
+        np.where(inside, np.stack(scale), np.float32(1)),
+        np.where(inside, below, np.float32(-1)),
+        parts_full,
     )
+
+
+def _whole(mask: Bools) -> Window:
+    return slice(0, mask.shape[0]), slice(0, mask.shape[1])
+
+
+def _bounding_window(mask: Bools) -> Window:
+    """The smallest window that holds all that is set in ``mask``; empty if nothing is."""
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def _parts_window(window: Window, outer: Window, margin: int) -> Window:
+    """The window of tiles of half the size, widened by ``margin`` of them inside ``outer``, aligned to whole tiles."""
+    rows, cols = (
+        slice(
+            max(2 * inner.start - margin, 2 * bound.start) // 2 * 2,
+            max(min(2 * inner.stop + margin + 1, 2 * bound.stop) // 2 * 2, 2 * bound.start),
+        )
+        for inner, bound in zip(window, outer, strict=True)
+    )
+    return rows, cols
+
+
+def _grown(mask: Bools) -> Bools:
+    """The mask and a ring of one tile around it."""
+    padded = np.pad(mask, 1)
+    rows = padded[:-2] | padded[1:-1] | padded[2:]
+    return np.asarray(rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:])
+
+
+def _join(parts: npt.NDArray[Any], how: np.ufunc) -> npt.NDArray[Any]:
+    """Blocks of 2 x 2 joined by a ufunc; both sides are even."""
+    return how(how(parts[::2, ::2], parts[1::2, ::2]), how(parts[::2, 1::2], parts[1::2, 1::2]))
 
 
 def _gap(first: npt.NDArray[np.int64], size: int, cells: int, spacing_m: float, eye_m: float) -> Grid:
@@ -312,14 +382,19 @@ def _gap(first: npt.NDArray[np.int64], size: int, cells: int, spacing_m: float, 
     return np.maximum(np.maximum(low, -high), 0.0).astype(np.float32)
 
 
-def _limit_slope(field: Grid) -> Grid:
-    """The largest field below ``field`` whose neighbours differ by at most 1: an exact L1 distance transform."""
-    for axis in (0, 1):
-        shape = (-1, 1) if axis == 0 else (1, -1)
-        ramp = np.arange(field.shape[axis], dtype=np.float32).reshape(shape)
-        forward = np.minimum.accumulate(field - ramp, axis=axis) + ramp
-        flipped = np.flip(forward + ramp, axis)
-        field = np.flip(np.minimum.accumulate(flipped, axis=axis), axis) - ramp
+def _limit_slope(field: Grid, levels: int) -> Grid:
+    """The largest field below ``field`` whose neighbours differ by at most 1, for values between 0 and ``levels``.
+
+    A tile limits others up to a distance of ``levels`` - 1 tiles only: as many steps are an exact L1 distance
+    transform, and cheaper than running minima.
+    """
+    field = field.copy()
+    for _ in range(levels - 1):
+        above = field + np.float32(1)
+        for axis in (0, 1):
+            here, there = (slice(1, None), slice(None, -1)) if axis == 0 else (np.s_[:, 1:], np.s_[:, :-1])
+            np.minimum(field[here], above[there], out=field[here])
+            np.minimum(field[there], above[here], out=field[there])
     return field
 
 

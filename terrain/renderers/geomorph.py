@@ -158,5 +158,7 @@ class GeomorphRenderer:
         return Boxes(lower, upper, tiles.level.astype(np.int64))
 
     def release(self) -> None:
-        for part in (*self._geometry, *self._index_buffers, *self._instances):
-            part.release()
+        for geometry in self._geometry:
+            geometry.release()
+        for buffer in (*self._index_buffers, *self._instances):
+            buffer.release()
