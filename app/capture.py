@@ -1,0 +1,184 @@
+"""Pictures on disk: PNG files, folders of frames, films.
+
+Everything is written under a temporary name beside its place and renamed when it is complete; what exists already is
+replaced only where the caller says so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from terrain.errors import InputError
+
+Picture = npt.NDArray[np.uint8]
+"""(height, width, 3) RGB, row 0 at the top."""
+
+
+class Sink(Protocol):
+    """Takes pictures one after the other; a context manager that finishes what it began."""
+
+    def add(self, picture: Picture) -> None: ...
+    def __enter__(self) -> Sink: ...
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None: ...
+
+
+def refuse_existing(path: Path, overwrite: bool = False) -> None:
+    """Raise `InputError` where ``path`` exists and may not be replaced, or its folder cannot be written."""
+    if path.is_dir():
+        raise InputError(f"Expected a file to write, found the folder {path}. Name a file in it.")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already and is not overwritten. Choose another name, or add --overwrite.")
+    if not path.parent.is_dir():
+        raise InputError(f"The folder {path.parent} does not exist. Make it first, or write elsewhere.")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"The folder {path.parent} cannot be written. Write elsewhere, or change its permissions.")
+
+
+@contextlib.contextmanager
+def replacing(path: Path, overwrite: bool = False) -> Iterator[Path]:
+    """A temporary name that becomes ``path`` when the block ends well, and is deleted when it does not.
+
+    Raises
+    ------
+    InputError
+        If ``path`` exists and may not be replaced, or the disk refuses.
+    """
+    refuse_existing(path, overwrite)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield temporary
+        refuse_existing(path, overwrite)  # another process may have been quicker
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def save_png(path: Path, picture: Picture, overwrite: bool = False) -> None:
+    """Write one picture as PNG."""
+    from PIL import Image
+
+    with replacing(path, overwrite) as temporary:
+        # Level 1 takes a quarter of the default's time for 15 % more bytes.
+        Image.fromarray(np.ascontiguousarray(picture)).save(temporary, format="PNG", compress_level=1)
+
+
+def save_array(path: Path, array: npt.NDArray[Any], overwrite: bool = False) -> None:
+    """Write one array as ``.npy``."""
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        np.save(file, array)
+
+
+class SinglePicture:
+    """A PNG file that takes one picture."""
+
+    def __init__(self, path: Path, overwrite: bool = False) -> None:
+        refuse_existing(path, overwrite)
+        self._path, self._overwrite = path, overwrite
+
+    def add(self, picture: Picture) -> None:
+        save_png(self._path, picture, self._overwrite)
+
+    def __enter__(self) -> SinglePicture:
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        pass
+
+
+class FrameFolder:
+    """A folder of ``frame_0000.png``, ``frame_0001.png`` ...; the folder is made where it is missing.
+
+    Raises
+    ------
+    InputError
+        If the folder holds frames already and ``overwrite`` is off.
+    """
+
+    def __init__(self, folder: Path, overwrite: bool = False) -> None:
+        self._folder, self._overwrite, self._count = folder, overwrite, 0
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"Expected a folder for the frames, found the file {folder}. Choose another name.")
+        if folder.is_dir() and not overwrite and any(folder.glob("frame_*.png")):
+            raise InputError(f"{folder} holds frames already. Choose another folder, or add --overwrite.")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from None
+
+    def add(self, picture: Picture) -> None:
+        save_png(self._folder / f"frame_{self._count:04d}.png", picture, self._overwrite)
+        self._count += 1
+
+    def __enter__(self) -> FrameFolder:
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        pass
+
+
+class Film:
+    """An MP4 film (H.264). Interrupted with Ctrl+C it keeps the frames it has; after an error nothing is left.
+
+    Parameters
+    ----------
+    path : Path
+    size_px : tuple of int
+        ``(width, height)``; odd sizes lose their last column or row, which the format cannot hold.
+    fps : int
+    """
+
+    def __init__(self, path: Path, size_px: tuple[int, int], fps: int, overwrite: bool = False) -> None:
+        import av  # 60 ms to import
+
+        self._width, self._height = (n - n % 2 for n in size_px)
+        if min(self._width, self._height) < 2:
+            raise InputError(
+                f"A film needs at least 2 x 2 pixels, found {size_px[0]}x{size_px[1]}. Use a larger --size."
+            )
+        self._stack = contextlib.ExitStack()
+        temporary = self._stack.enter_context(replacing(path, overwrite))
+        self._container = av.open(str(temporary), "w", format="mp4")
+        self._stream: Any = self._container.add_stream("libx264", rate=fps, options={"preset": "veryfast", "crf": "18"})
+        self._stream.width, self._stream.height, self._stream.pix_fmt = self._width, self._height, "yuv420p"
+
+    def add(self, picture: Picture) -> None:
+        import av
+
+        cropped = np.ascontiguousarray(picture[: self._height, : self._width])
+        frame = av.VideoFrame.from_ndarray(cropped, format="rgb24")
+        for packet in self._stream.encode(frame):
+            self._container.mux(packet)
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        keep = kind is None or kind is KeyboardInterrupt
+        if keep:
+            for packet in self._stream.encode():
+                self._container.mux(packet)
+        self._container.close()
+        # The renaming block ends well, or sees the error and deletes.
+        self._stack.__exit__(None, None, None) if keep else self._stack.__exit__(kind, error, trace)
+
+
+def open_sink(out: Path, size_px: tuple[int, int], fps: int, overwrite: bool = False) -> Sink:
+    """What ``out`` names: ``.png`` one picture, ``.mp4`` a film, anything else a folder of frames."""
+    suffix = out.suffix.lower()
+    if suffix == ".png":
+        return SinglePicture(out, overwrite)
+    if suffix == ".mp4":
+        return Film(out, size_px, fps, overwrite)
+    return FrameFolder(out, overwrite)

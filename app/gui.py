@@ -1,0 +1,112 @@
+"""ImGui around the panel: context, style, the native GLFW and OpenGL backends, and what the hands do.
+
+All input comes through ImGui, in the window as in the tests: keys typed into a text field and drags that began on the
+panel never reach the camera, and ImGui lets go of every key when the window loses the focus.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import imgui_bundle
+from imgui_bundle import imgui
+
+from app.controls import Inputs
+from app.keys import HELD, bindings
+from app.session import Session
+
+FONT_PX = 15.0
+_FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "DroidSans.ttf"
+
+
+def create_context() -> None:
+    """An ImGui context in this program's style; nothing is saved between runs."""
+    imgui.create_context()
+    io = imgui.get_io()
+    io.set_ini_filename("")
+    io.config_dpi_scale_fonts = True
+    if _FONT.exists():
+        io.fonts.add_font_from_file_ttf(str(_FONT), FONT_PX)
+    imgui.style_colors_dark()
+    style = imgui.get_style()
+    style.window_rounding = style.frame_rounding = style.grab_rounding = style.popup_rounding = 4.0
+    style.window_border_size = 0.0
+
+
+class Gui:
+    """ImGui on a GLFW window.
+
+    Parameters
+    ----------
+    window : ctypes pointer
+        The GLFW window, whose callbacks ImGui chains.
+    """
+
+    def __init__(self, window: object) -> None:
+        create_context()
+        address = ctypes.cast(window, ctypes.c_void_p).value  # type: ignore[arg-type]
+        imgui.backends.glfw_init_for_opengl(address, True)
+        imgui.backends.opengl3_init("#version 330")
+
+    def begin(self) -> None:
+        """Begin a frame: take in what happened since the last one."""
+        imgui.backends.opengl3_new_frame()
+        imgui.backends.glfw_new_frame()
+        imgui.new_frame()
+
+    def end(self) -> None:
+        """Draw the frame into the bound framebuffer."""
+        imgui.render()
+        imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    def close(self) -> None:
+        imgui.backends.opengl3_shutdown()
+        imgui.backends.glfw_shutdown()
+        imgui.destroy_context()
+
+
+def read_inputs(focused: bool = True) -> Inputs:
+    """What the hands do to the camera in this frame; nothing while they use the panel."""
+    io = imgui.get_io()
+    held = dict.fromkeys(HELD, 0.0)
+    fast = False
+    if not io.want_text_input and not io.key_ctrl:
+        held = {name: _down(plus) - _down(minus) for name, (plus, minus, _) in HELD.items()}
+        fast = io.key_shift
+    look, wheel = (0.0, 0.0), 0.0
+    if not io.want_capture_mouse:
+        wheel = io.mouse_wheel
+        if any(imgui.is_mouse_down(button) for button in (0, 1, 2)):
+            look = (io.mouse_delta.x, io.mouse_delta.y)
+    return Inputs(**held, fast=fast, look_px=look, wheel=wheel, focused=focused)
+
+
+def press_keys(session: Session) -> None:
+    """Do what the keys pressed in this frame ask for."""
+    if imgui.get_io().want_text_input:
+        return
+    for binding in bindings():
+        if imgui.is_key_pressed(key_named(binding.key), False):
+            binding.act(session)
+
+
+def key_named(name: str) -> imgui.Key:
+    """ImGui's key of a name as in the help: ``"F12"``, ``"0"``, ``"Home"``."""
+    key: imgui.Key = getattr(imgui.Key, f"_{name}" if name.isdigit() else name.lower())
+    return key
+
+
+def show_picture(session: Session) -> None:
+    """The scene behind everything, at the window's full resolution."""
+    io = imgui.get_io()
+    scale = io.display_framebuffer_scale
+    size_px = (round(io.display_size.x * scale.x), round(io.display_size.y * scale.y))
+    picture = session.draw(size_px)
+    if picture is not None:
+        image = imgui.ImTextureRef(picture.texture.glo)
+        imgui.get_background_draw_list().add_image(image, (0.0, 0.0), io.display_size, (0.0, 1.0), (1.0, 0.0))
+
+
+def _down(key: str) -> float:
+    return float(imgui.is_key_down(key_named(key)))

@@ -1,0 +1,67 @@
+"""The keys: one table for the window, the help overlay and the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+from app.session import Session
+from terrain.renderers import RENDERERS
+from terrain.views import VIEWS
+
+
+class Binding(NamedTuple):
+    """A key, what it does in words, and the act."""
+
+    key: str
+    help: str
+    act: Callable[[Session], None]
+
+
+# Held keys: (positive, negative, what they do); see app.controls.Inputs.
+HELD = {
+    "forward": ("W", "S", "fly forwards, backwards"),
+    "right": ("D", "A", "fly right, left"),
+    "up": ("E", "Q", "fly up, down"),
+}
+FAST = "Shift"
+MOUSE_HELP = (
+    ("drag", "look around"),
+    ("wheel", "fly faster, slower"),
+    ("right-click a slider, or Ctrl+click", "type a number"),
+)
+
+_ACTS = (
+    Binding("F", "freeze the selection, fly on and look at it", Session.toggle_freeze),
+    Binding("R", "record the flight you fly; again: save it", Session.toggle_recording),
+    Binding("P", "play the flight, or stop it", Session.toggle_replay),
+    Binding("Home", "frame the whole terrain", Session.frame_all),
+    Binding("F12", "save the picture as PNG", Session.take_screenshot),
+    Binding("Tab", "show or hide the panel", Session.toggle_panel),
+    Binding("H", "show or hide this help", Session.toggle_help),
+    Binding("Escape", "close the help, stop the replay", Session.escape),
+)
+
+
+def bindings() -> tuple[Binding, ...]:
+    """All keys that act once when pressed: digits for algorithms, function keys for views, and the acts."""
+    algorithms = [
+        Binding(str(digit), kind.title, partial(_choose_algorithm, name=name))
+        for digit, (name, kind) in enumerate(RENDERERS.items())
+        if digit <= 9
+    ]
+    views = [
+        Binding(f"F{number}", view_help.title, partial(_choose_view, view=view))
+        for number, (view, view_help) in enumerate(VIEWS.items(), 1)
+        if number <= 11
+    ]
+    return (*algorithms, *views, *_ACTS)
+
+
+def _choose_algorithm(session: Session, name: str) -> None:
+    session.choose_algorithm(name)
+
+
+def _choose_view(session: Session, view: str) -> None:
+    session.choose_view(view)

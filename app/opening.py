@@ -1,0 +1,117 @@
+"""From what was typed to what is shown: terrain, settings, camera, flight."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from app.settings import apply_settings, read_value
+from terrain.errors import InputError
+from terrain.heightfield import Heightfield
+
+SCENE_POSTS = 1025
+PREFERRED = "geomorph"
+
+
+def open_terrain(args: argparse.Namespace) -> Heightfield:
+    """The terrain a command names: an embedded scene, or a file.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    from terrain.synthetic import SCENES, make_scene
+
+    name, *numbers = str(args.terrain).split(":")
+    if name in SCENES and not os.path.exists(args.terrain):
+        if len(numbers) > 2 or not all(number.isdigit() for number in numbers):
+            raise InputError(f"Expected a scene as {name}, {name}:POSTS or {name}:POSTS:SEED, found {args.terrain!r}.")
+        size, seed = [*map(int, numbers), *(SCENE_POSTS, 0)[len(numbers) :]]
+        return make_scene(name, size, seed)
+    path = Path(args.terrain)
+    if not path.exists() and not path.suffix and path.parent == Path():
+        near = difflib.get_close_matches(name, SCENES, 1)
+        hint = f"Did you mean {near[0]}?" if near else f"The scenes are {', '.join(SCENES)}."
+        raise InputError(f"Expected a terrain file or an embedded scene, found neither for {name!r}. {hint}")
+
+    from terrain.sources import read_heightfield
+
+    return read_heightfield(
+        path, encoding=args.encoding, raw=args.raw, spacing_m=args.spacing, height_scale=args.height_scale
+    )
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What to draw with, checked: see `read_drawing`."""
+
+    algorithm: str
+    settings: Any
+    look: Any
+    view: Any
+    texture: Path | None
+    exaggeration: float
+
+
+def read_drawing(args: argparse.Namespace) -> Drawing:
+    """The drawing options of a command, checked against what the renderers and the look offer.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or a value out of range.
+    """
+    from terrain.renderers import RENDERERS
+    from terrain.textures.look import LookSettings
+    from terrain.views import VIEWS
+
+    algorithm = args.algorithm or default_algorithm()
+    _choose("algorithm", algorithm, RENDERERS)
+    _choose("view", args.view, VIEWS)
+    settings, look = apply_settings(args.pairs, RENDERERS[algorithm].Settings(), LookSettings())
+    if args.tolerance is not None:
+        tolerance = next(field for field in fields(settings) if field.name == "tolerance_px")
+        settings = replace(settings, tolerance_px=read_value(tolerance, str(args.tolerance)))
+    return Drawing(algorithm, settings, look, args.view, args.texture, args.exaggeration)
+
+
+def default_algorithm() -> str:
+    """The algorithm that is on when none is named."""
+    from terrain.renderers import RENDERERS
+
+    return PREFERRED if PREFERRED in RENDERERS else next(iter(RENDERERS))
+
+
+def read_texture(drawing: Drawing, heightfield: Heightfield) -> Any:
+    """The image to drape over ``heightfield``, or None where none is asked for."""
+    if drawing.texture is None:
+        return None
+    from terrain.textures.drape import read_drape
+
+    return read_drape(drawing.texture, heightfield)
+
+
+def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, drape: Any = None) -> Any:
+    """A stage that draws ``heightfield`` as asked, with the image ``drape`` over it."""
+    from terrain.scene import open_scene
+    from terrain.stage import Stage
+
+    scene = open_scene(heightfield)
+    if drawing.exaggeration != 1.0:
+        scene = scene.exaggerated(drawing.exaggeration)
+    stage = Stage(gpu, scene, drawing.algorithm, drawing.settings, drawing.look)
+    if drape is not None:
+        stage.set_drape(drape)
+    return stage
+
+
+def _choose(what: str, name: str, known: Any) -> None:
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        hint = f"; did you mean {near[0]}?" if near else "."
+        raise InputError(f"Expected an {what} of {', '.join(known)}, found {name!r}{hint}".replace("an view", "a view"))

@@ -1,0 +1,289 @@
+"""What the window shows, and everything a key or a widget can do to it. Knows no window and no ImGui.
+
+One frame: `advance` moves the camera, `draw` brings the picture up to date. Nothing is drawn again while nothing
+changes; after a change the picture is kept alive for `SETTLE_S`, so that animated transitions come to their end.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from app.capture import save_png
+from app.controls import Inputs, Motion, move, speed_m_s
+from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
+from app.opening import Drawing, open_stage, read_texture
+from terrain.camera import Camera
+from terrain.errors import InputError
+from terrain.flight import Flight, FlightRecorder, demo_flight, numbered_path, write_flight
+from terrain.frame import FrameStats
+from terrain.gpu.context import Gpu
+from terrain.gpu.targets import Target, create_target
+from terrain.heightfield import Heightfield
+from terrain.renderers import RENDERERS
+from terrain.stage import Stage
+from terrain.views import VIEWS
+
+SETTLE_S = 1.5
+MESSAGE_S = 8.0
+GRAPH_FRAMES = 240
+
+
+class Session:
+    """One terrain being looked at.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    heightfield : Heightfield
+        With true heights; ``drawing`` says how they are exaggerated.
+    drawing : Drawing
+        Algorithm, settings, look, view, image.
+    flight : Flight, optional
+        What replay plays at first; the terrain's demo flight where there is none.
+    folder : Path
+        Where pictures and flights are saved, under new names.
+    """
+
+    def __init__(
+        self, gpu: Gpu, heightfield: Heightfield, drawing: Drawing, flight: Flight | None = None, folder: Path = Path()
+    ) -> None:
+        self.gpu, self.folder = gpu, folder
+        self._drape = read_texture(drawing, heightfield)
+        self.stage: Stage = open_stage(gpu, heightfield, drawing, self._drape)
+        self.view: Any = drawing.view
+        self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
+        self._settings[drawing.algorithm] = drawing.settings
+        self.flight = flight or demo_flight(heightfield)
+        self.camera: Camera = self.flight.camera_at(0.0)
+        self.motion = Motion()
+        self.recorder: FlightRecorder | None = None
+        self.replay_s: float | None = None
+        self.stats = FrameStats()
+        self.frame_ms: deque[float] = deque(maxlen=GRAPH_FRAMES)
+        self.picture: Target | None = None
+        self.clock_s = 0.0
+        self.shows_help = False
+        self.shows_panel = True
+        self._message, self._message_until_s = "", 0.0
+        self._changed_s = 0.0
+        self.say(f"{heightfield.name}: {heightfield.cols} x {heightfield.rows} posts. H lists the keys.")
+
+    @property
+    def heightfield(self) -> Heightfield:
+        return self.stage.scene.heightfield
+
+    @property
+    def algorithm(self) -> str:
+        return self.stage.renderer.name
+
+    @property
+    def settings(self) -> Any:
+        return self.stage.renderer.settings
+
+    @property
+    def message(self) -> str:
+        """What the status line says; empty after a while."""
+        return self._message if self.clock_s < self._message_until_s else ""
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the picture stays as it is until somebody does something."""
+        busy = self.recorder is not None or self.replay_s is not None
+        return not busy and self.motion.at_rest and self.clock_s - self._changed_s > SETTLE_S
+
+    @property
+    def height_above_ground_m(self) -> float:
+        x, y, z = self.camera.position_m
+        return y - ground_m(self.heightfield, x, z)
+
+    @property
+    def speed_m_s(self) -> float:
+        least = least_clearance_m(self.heightfield)
+        return speed_m_s(self.height_above_ground_m, least, self.motion.speed_factor)
+
+    def say(self, text: str) -> None:
+        """Show a line for a while."""
+        self._message, self._message_until_s = text, self.clock_s + MESSAGE_S
+
+    def touch(self) -> None:
+        """Something changed: the picture must be drawn again."""
+        self._changed_s = self.clock_s
+
+    # One frame
+
+    def advance(self, inputs: Inputs, dt_s: float) -> None:
+        """Let ``dt_s`` seconds pass: fly with the hands, or along the replayed flight."""
+        self.clock_s += dt_s
+        before = self.camera
+        if self.replay_s is not None:
+            self._advance_replay(inputs, dt_s)
+        if self.replay_s is None:
+            terrain = self.heightfield
+            clearance, least = clearance_above(terrain), least_clearance_m(terrain)
+            pace = self.motion.speed_factor
+            self.camera, self.motion = move(self.camera, self.motion, inputs, dt_s, clearance, least)
+            if self.motion.speed_factor != pace:
+                self.say(f"Speed {self.speed_m_s:,.0f} m/s at this height.")
+        if self.recorder is not None:
+            self.recorder.add(self.clock_s, self.camera)
+        if self.camera != before:
+            self.touch()
+
+    def _advance_replay(self, inputs: Inputs, dt_s: float) -> None:
+        assert self.replay_s is not None
+        self.replay_s += dt_s
+        if inputs.moves:
+            self.stop_replay("Replay stopped: you are flying.")
+        elif self.replay_s > self.flight.duration_s:
+            self.camera = self.flight.camera_at(self.flight.duration_s)
+            self.stop_replay("The flight is over.")
+        else:
+            self.camera = self.flight.camera_at(self.replay_s)
+
+    def draw(self, size_px: tuple[int, int]) -> Target | None:
+        """The picture at this size, drawn again where something changed; None for a window without area."""
+        if min(size_px) < 1:
+            return None
+        if self.picture is None or self.picture.size_px != size_px:
+            if self.picture is not None:
+                self.picture.release()
+            self.picture = create_target(self.gpu, size_px)
+            self.touch()
+        if self.is_still:
+            return self.picture
+        begin = time.perf_counter()
+        self.stats = self.stage.draw(self.stage.frame(self.camera, size_px, self.clock_s), self.picture, self.view)
+        if self.gpu.is_software:
+            self.gpu.ctx.finish()  # a software rasteriser's time is only known when it has finished
+        self.frame_ms.append(1e3 * (time.perf_counter() - begin))
+        return self.picture
+
+    # What keys and widgets do
+
+    def choose_algorithm(self, name: str) -> None:
+        """Switch; the tolerance goes along, other settings are remembered for each algorithm."""
+        if name == self.algorithm:
+            return
+        self._settings[self.algorithm] = self.settings
+        settings = replace(self._settings[name], tolerance_px=self.settings.tolerance_px)
+        self.stage.set_renderer(name, settings)
+        self.touch()
+        self.say(f"{RENDERERS[name].title}. {RENDERERS[name].source}")
+
+    def change_settings(self, settings: Any) -> None:
+        """Give the current algorithm other settings."""
+        self.stage.set_renderer(self.algorithm, settings)
+        self.touch()
+
+    def change_look(self, look: Any) -> None:
+        self.stage.set_look(look)
+        self.touch()
+
+    def choose_view(self, view: Any) -> None:
+        self.view = view
+        self.touch()
+        self.say(f"{VIEWS[view].title}: {VIEWS[view].help}")
+
+    def exaggerate(self, factor: float) -> None:
+        """Multiply the heights; the eye keeps its height above the ground."""
+        before = self.height_above_ground_m
+        old, size_px = self.stage, None if self.picture is None else self.picture.size_px
+        frozen = old.frozen is not None
+        scene = old.scene.exaggerated(factor)
+        look, algorithm, settings = old.look, self.algorithm, self.settings
+        old.release()
+        self.stage = Stage(self.gpu, scene, algorithm, settings, look)
+        if self._drape is not None:
+            self.stage.set_drape(self._drape)
+        x, _, z = self.camera.position_m
+        self.camera = replace(self.camera, position_m=(x, ground_m(self.heightfield, x, z) + before, z))
+        if frozen and size_px is not None:
+            self.stage.freeze(self.stage.frame(self.camera, size_px, self.clock_s))
+        self.touch()
+
+    def toggle_freeze(self) -> None:
+        """Keep what is drawn as chosen from here, or let it follow the eye again."""
+        if self.stage.frozen is not None:
+            self.stage.thaw()
+            self.say("The selection follows the eye again.")
+        elif self.picture is not None:
+            self.stage.freeze(self.stage.frame(self.camera, self.picture.size_px, self.clock_s))
+            self.say("Selection frozen: fly on and look at what was chosen from here.")
+        self.touch()
+
+    def frame_all(self) -> None:
+        """Look at the whole terrain."""
+        self.stop_replay("")
+        width, height = self.picture.size_px if self.picture is not None else (16, 9)
+        self.camera = frame_terrain(self.heightfield, width / height, self.camera.fov_deg)
+        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
+        self.touch()
+
+    def toggle_recording(self) -> None:
+        """Begin to record what is flown, or stop and save it under a new name."""
+        if self.recorder is None:
+            self.recorder = FlightRecorder(self.heightfield)
+            self.recorder.add(self.clock_s, self.camera)
+            self.say("Recording the flight; R stops and saves it.")
+            return
+        recorder, self.recorder = self.recorder, None
+        self.flight = recorder.finish()
+        path = numbered_path(self.folder / f"{self.heightfield.name}.flight.json")
+        self._save(lambda: write_flight(self.flight, path), f"Saved the flight as {path}; P plays it.")
+
+    def toggle_replay(self) -> None:
+        """Play the flight (recorded, given, or the demo), or stop it."""
+        if self.replay_s is not None:
+            self.stop_replay("Replay stopped.")
+            return
+        if self.recorder is not None:
+            self.toggle_recording()
+        self.replay_s = 0.0
+        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
+        self.say(f"Playing {self.flight.name} ({self.flight.duration_s:.0f} s); P or any movement stops it.")
+
+    def stop_replay(self, reason: str) -> None:
+        self.replay_s = None
+        if reason:
+            self.say(reason)
+
+    def take_screenshot(self) -> None:
+        """Save the picture, without the panel, under a new name."""
+        if self.picture is None:
+            return
+        picture = self.picture.read()[..., :3]
+        path = numbered_path(self.folder / f"{self.heightfield.name}.png")
+        self._save(lambda: save_png(path, picture), f"Saved the picture as {path}.")
+
+    def toggle_help(self) -> None:
+        self.shows_help = not self.shows_help
+
+    def toggle_panel(self) -> None:
+        self.shows_panel = not self.shows_panel
+
+    def escape(self) -> None:
+        """Close the help, or stop the replay."""
+        if self.shows_help:
+            self.shows_help = False
+        elif self.replay_s is not None:
+            self.stop_replay("Replay stopped.")
+
+    def _save(self, write: Any, done: str) -> None:
+        try:
+            write()
+        except (InputError, OSError) as error:
+            self.say(str(error))
+        else:
+            self.say(done)
+
+    def close(self) -> None:
+        """Save an unfinished recording and release the GPU's memory."""
+        if self.recorder is not None:
+            self.toggle_recording()
+        if self.picture is not None:
+            self.picture.release()
+        self.stage.release()

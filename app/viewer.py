@@ -1,0 +1,117 @@
+"""The window and its loop: GLFW through moderngl-window.
+
+What cannot be had is said in one line: a display, a library, a driver, OpenGL 3.3.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import warnings
+from types import TracebackType
+from typing import Any
+
+from app.opening import Drawing
+from terrain.errors import InputError
+from terrain.gpu.context import Gpu, explain_missing_gl
+from terrain.heightfield import Heightfield
+
+STILL_WAIT_S = 0.1  # while nothing changes: long enough to sleep, short enough for tooltips
+HIDDEN_WAIT_S = 0.5
+
+
+class WindowError(InputError):
+    """There can be no window here; the line says why."""
+
+
+class Window:
+    """A window with an OpenGL 3.3 context.
+
+    Parameters
+    ----------
+    size_px : tuple of int
+        ``(width, height)`` in screen coordinates.
+
+    Raises
+    ------
+    WindowError
+        If there is no display, or a library or driver is missing.
+    """
+
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise WindowError("There is no display for a window (neither DISPLAY nor WAYLAND_DISPLAY is set).")
+        try:
+            # ImGui first: it brings the GLFW that both then share.
+            from app import gui, panel  # isort: skip
+            import glfw
+            from moderngl_window.context.glfw import Window as GlfwWindow
+        except (ImportError, OSError) as error:
+            raise WindowError(explain_missing_gl(str(error))) from None
+        self._glfw, self._gui_module, self._panel = glfw, gui, panel.Panel()
+        with warnings.catch_warnings(record=True) as heard:  # GLFW's reasons arrive as warnings
+            warnings.simplefilter("always")
+            try:
+                self._window: Any = GlfwWindow(title="Reliefscope", size=size_px, gl_version=(3, 3), vsync=True)
+            except Exception as error:
+                reasons = "; ".join(str(warning.message).strip("b'\"") for warning in heard) or str(error)
+                raise WindowError(_explain(reasons)) from None
+        self._window.exit_key = self._window.fullscreen_key = None
+        self.gpu = Gpu(self._window.ctx)
+        self._gui = gui.Gui(self._window._window)
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._gui.close()
+        self._window.destroy()
+
+    def run(self, heightfield: Heightfield, drawing: Drawing, flight: Any = None) -> None:
+        """Show a terrain until the window is closed."""
+        from app.session import Session
+
+        session = Session(self.gpu, heightfield, drawing, flight)
+        self._window.title = f"{heightfield.name} — Reliefscope"
+        try:
+            self._loop(session)
+        finally:
+            session.close()
+
+    def _loop(self, session: Any) -> None:
+        glfw, gui, handle, ctx = self._glfw, self._gui_module, self._window._window, self.gpu.ctx
+        last_s, was_focused = time.perf_counter(), False
+        while not self._window.is_closing:
+            hidden = glfw.get_window_attrib(handle, glfw.ICONIFIED) or 0 in glfw.get_framebuffer_size(handle)
+            if hidden:
+                glfw.wait_events_timeout(HIDDEN_WAIT_S)
+            elif session.is_still:
+                glfw.wait_events_timeout(STILL_WAIT_S)
+            else:
+                glfw.poll_events()
+            now_s = time.perf_counter()
+            focused = bool(glfw.get_window_attrib(handle, glfw.FOCUSED))
+            lost_focus, was_focused = was_focused and not focused, focused
+
+            self._gui.begin()
+            gui.press_keys(session)
+            session.advance(gui.read_inputs(focused=not lost_focus), now_s - last_s)
+            last_s = now_s
+            if not hidden:
+                gui.show_picture(session)
+            self._panel.draw(session)
+            self.gpu.release_state()
+            ctx.screen.use()
+            ctx.screen.clear(viewport=(0, 0, *glfw.get_framebuffer_size(handle)))
+            self._gui.end()
+            glfw.swap_buffers(handle)
+
+
+def _explain(reasons: str) -> str:
+    lowered = reasons.lower()
+    if "display" in lowered or "wayland" in lowered or "failed to initialize glfw" in lowered:
+        return f"There is no display for a window ({reasons})."
+    return explain_missing_gl(reasons)
