@@ -2,10 +2,12 @@
 
 from terrain.renderers.base import Renderer
 from terrain.renderers.geomorph import GeomorphRenderer
+from terrain.renderers.multiresolution import MultiresolutionRenderer
 from terrain.renderers.reference import ReferenceRenderer
 
 _TABLE: tuple[type[Renderer], ...] = (
     ReferenceRenderer,
     GeomorphRenderer,
+    MultiresolutionRenderer,
 )
 RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in _TABLE}

@@ -1,0 +1,167 @@
+"""The approximation tree: which geometry patches of a terrain to draw for a view.
+
+A patch is a quadtree node of 16 to 128 cells with meshes of guaranteed error. For a view the tree is descended while a
+patch is near for its size; each patch then gets the coarsest rung of the error ladder whose visual error alpha stays
+within the tolerance at the point of its box nearest to the eye.
+
+**Source** J. Doellner, "Integrated multiresolution modeling of terrain geometry and terrain texture data", sections
+"Generic multiresolution data structure" and "Rendering algorithm".
+
+**Deviations** In the paper a patch has one error, and descending the tree refines it. Here a patch has a ladder of
+meshes (`rtin`), and descending only keeps patches small against their distance, so that one error serves a whole patch.
+The paper's alpha is an upright segment of the error's length, seen in perspective; here it is that segment seen
+squarely, which is never less. About 15 % of the patches, where a grid serves worst, are *microstructures*: they get
+TINs in place of grid meshes (`patch_pool`). The paper left open how to find them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from terrain.algorithms.culling import Culler, Nodes
+from terrain.algorithms.rtin import Ladder, Rtin, build_rtin
+from terrain.algorithms.rtin_mesh import Patches
+from terrain.cache import load_arrays, store_arrays
+from terrain.frame import Frame
+from terrain.heightfield import Heightfield
+from terrain.pyramid import BASE_LEVEL
+
+FINEST_LEVEL = 4  # patches of 16 cells ...
+COARSEST_LEVEL = 7  # ... to 128
+SPLIT_RATIO = 16.0  # a patch nearer than this many times its size is split: its far end is 9 % farther at most
+MICROSTRUCTURE_SHARE = 0.15  # the paper: "about 15 % of the reference grid cells exhibit morphologically complex parts"
+PREVIEW_STRIDE = 4
+CACHE_VERSION = 1
+
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ApproximationTree:
+    """All geometry patches of a terrain, as the rungs of its vertices.
+
+    Attributes
+    ----------
+    heightfield : Heightfield
+    rtin : Rtin
+        Made from every ``stride``-th post.
+    microstructures : tuple of ndarray of bool
+        For each level from FINEST_LEVEL on, the patches (row, col) to be triangulated freely.
+    stride : int
+        1, or PREVIEW_STRIDE in a preview, whose errors are bounds against every fourth post only.
+    """
+
+    heightfield: Heightfield
+    rtin: Rtin
+    microstructures: tuple[Bools, ...]
+    stride: int = 1
+
+    @property
+    def coarsest_level(self) -> int:
+        return self.rtin.top_level + (self.stride.bit_length() - 1)
+
+    def meshed(self, patches: Patches) -> Patches:
+        """The patches as the hierarchy counts them: in every ``stride``-th post."""
+        return patches._replace(level=patches.level - np.int32(self.stride.bit_length() - 1))
+
+
+def load_tree(heightfield: Heightfield) -> ApproximationTree:
+    """The tree of a height field, from the disk cache where it was built before; 4097 x 4097 posts take seconds."""
+    key = f"{heightfield.sha256}-v{CACHE_VERSION}"
+    top = _coarsest_level(heightfield)
+    arrays = load_arrays("multiresolution", key)
+    if arrays is not None and {"drop_rung", "ladder"} <= set(arrays):
+        rtin = Rtin(arrays["drop_rung"], Ladder(*map(float, arrays["ladder"])), top)
+    else:
+        rtin = build_rtin(heightfield.heights_m, heightfield.spacing_m, top)
+        if rtin.drop_rung.size > 1 << 18:  # smaller ones are quicker to build than to keep
+            ladder = np.array([rtin.ladder.exact_m, rtin.ladder.base_m])
+            store_arrays("multiresolution", key, {"drop_rung": rtin.drop_rung, "ladder": ladder})
+    return ApproximationTree(heightfield, rtin, find_microstructures(rtin))
+
+
+def build_preview(heightfield: Heightfield) -> ApproximationTree:
+    """A tree over every fourth post, made in a fraction of the time: something to look at while the tree is built."""
+    step = PREVIEW_STRIDE
+    dx, dz = heightfield.spacing_m
+    posts = heightfield.heights_m[::step, ::step]
+    missing = [-(-(n - 1) // step) + 1 - m for n, m in zip(heightfield.heights_m.shape, posts.shape, strict=True)]
+    posts = np.pad(posts, [(0, n) for n in missing], mode="edge")
+    top = _coarsest_level(heightfield) - (step.bit_length() - 1)
+    return ApproximationTree(heightfield, build_rtin(posts, (dx * step, dz * step), top), (), step)
+
+
+def _coarsest_level(heightfield: Heightfield) -> int:
+    """Level of the largest patches: none larger than the grid needs."""
+    cells = max(heightfield.rows, heightfield.cols) - 1
+    return min(max((cells - 1).bit_length(), FINEST_LEVEL, BASE_LEVEL), COARSEST_LEVEL)
+
+
+def find_microstructures(rtin: Rtin, share: float = MICROSTRUCTURE_SHARE) -> tuple[Bools, ...]:
+    """The patches that need most vertices, summed over all rungs: there a TIN saves most.
+
+    Parameters
+    ----------
+    rtin : Rtin
+    share : float
+        Largest share of the patches of a level; patches that every rung can leave empty never count.
+
+    Returns
+    -------
+    tuple of ndarray of bool
+        One per level from FINEST_LEVEL to the coarsest.
+    """
+    size = 1 << FINEST_LEVEL
+    rungs = rtin.drop_rung[:-1, :-1]
+    rungs = np.where(rungs == 255, 0, rungs)  # the corners are in every mesh
+    need = rungs.reshape(rungs.shape[0] // size, size, rungs.shape[1] // size, size).sum(axis=(1, 3), dtype=np.int64)
+    chosen = []
+    for level in range(FINEST_LEVEL, rtin.top_level + 1):
+        count = int(need.size * share)
+        least = max(int(np.partition(need.ravel(), -count)[-count]), 1) if count else np.inf
+        chosen.append(need >= least)
+        if level < rtin.top_level:
+            need = need[::2, ::2] + need[1::2, ::2] + need[::2, 1::2] + need[1::2, 1::2]
+    return tuple(chosen)
+
+
+def select_patches(
+    tree: ApproximationTree, culler: Culler, frame: Frame, tolerance_px: float, *, horizon: bool = True
+) -> tuple[Patches, Nodes]:
+    """The patches to draw for a view, nearest first, and their nodes.
+
+    Parameters
+    ----------
+    tree : ApproximationTree
+    culler : Culler
+        Of the same terrain, with FINEST_LEVEL.
+    frame : Frame
+    tolerance_px : float
+        Largest allowed alpha.
+    horizon : bool
+        Whether to leave out what nearer ground hides.
+    """
+    nodes = _split_to(culler.select(frame, horizon=horizon, split_ratio=SPLIT_RATIO), tree.coarsest_level, culler)
+    allowed_m = tolerance_px * nodes.distance_m / frame.pixels_per_radian
+    rung = tree.rtin.ladder.coarsest_within(allowed_m)
+    return Patches(nodes.level, nodes.row, nodes.col, rung.astype(np.int32)), nodes
+
+
+def _split_to(nodes: Nodes, coarsest: int, culler: Culler) -> Nodes:
+    """Nodes larger than the coarsest patches, split until none is."""
+    while (large := nodes.level > coarsest).any():
+        quarters = np.array([[0, 0, 1, 1], [0, 1, 0, 1]], np.int32)
+        count = np.where(large, 4, 1)
+        owner = np.repeat(np.arange(len(large)), count)
+        quarter = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+        double = np.where(large, 2, 1)[owner].astype(np.int32)
+        down = np.where(large[owner], quarters[:, quarter], 0).astype(np.int32)
+        nodes = Nodes(
+            nodes.level[owner] - (double - 1), nodes.row[owner] * double + down[0], nodes.col[owner] * double + down[1],
+            nodes.distance_m[owner],
+        )  # fmt: skip
+        nodes = nodes.take((nodes.row << nodes.level < culler.cells[0]) & (nodes.col << nodes.level < culler.cells[1]))
+    return nodes
