@@ -20,8 +20,8 @@ float morphed_height(ivec2 post, int level, float v) {
         ivec2 coarse = post >> (level + 1);  // a centre lies between the ends of its cell's diagonal
         if (!is_nw_se(coarse)) reach.y = -size;
     }
-    float middle = 0.5 * (post_height(post - reach) + post_height(post + reach));
-    return mix(post_height(post), middle, v);
+    float middle = 0.5 * (post_height(post - reach) + post_height(post + reach)), own = post_height(post);
+    return own + v * (middle - own);  // not mix: posts that stay must keep their bits for every v
 }
 
 void main() {
