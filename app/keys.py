@@ -38,7 +38,7 @@ _ACTS = (
     Binding("P", "play the flight, or stop it", Session.toggle_replay),
     Binding("Home", "frame the whole terrain", Session.frame_all),
     Binding("F12", "save the picture as PNG", Session.take_screenshot),
-    Binding("Tab", "show or hide the panel", Session.toggle_panel),
+    Binding("T", "show or hide the panel", Session.toggle_panel),
     Binding("H", "show or hide this help", Session.toggle_help),
     Binding("Escape", "close the help, stop the replay", Session.escape),
 )

@@ -166,7 +166,8 @@ class Panel:
         if on_release and imgui.is_item_active():
             self._dragged[name] = shown
             return value
-        return self._dragged.pop(name, shown) if on_release else shown
+        self._dragged.pop(name, None)
+        return shown
 
 
 def figures(session: Session) -> list[tuple[str, str]]:

@@ -149,9 +149,9 @@ class Session:
         if min(size_px) < 1:
             return None
         if self.picture is None or self.picture.size_px != size_px:
-            if self.picture is not None:
-                self.picture.release()
-            self.picture = create_target(self.gpu, size_px)
+            outgrown, self.picture = self.picture, create_target(self.gpu, size_px)
+            if outgrown is not None:
+                outgrown.release()
             self.touch()
         if self.is_still:
             return self.picture

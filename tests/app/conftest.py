@@ -1,0 +1,40 @@
+"""A GPU without a window, a small terrain, and a session on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.opening import Drawing, default_algorithm
+from app.session import Session
+from terrain.gpu.context import create_offscreen_gpu
+from terrain.heightfield import Heightfield
+from terrain.renderers import RENDERERS
+from terrain.textures.look import LookSettings
+
+
+@pytest.fixture(scope="session")
+def app_gpu():
+    gpu = create_offscreen_gpu()
+    yield gpu
+    gpu.release()
+    gpu.ctx.release()
+
+
+@pytest.fixture(scope="session")
+def hills():
+    """Rolling hills, 33 x 33 posts, 10 m apart, 0 to 40 m high."""
+    x = np.linspace(0.0, 4.0 * np.pi, 33)
+    heights = 20.0 + 10.0 * (np.sin(x)[:, None] + np.cos(x)[None, :])
+    return Heightfield(np.ascontiguousarray(heights, np.float32), (10.0, 10.0), name="hills")
+
+
+@pytest.fixture
+def session(app_gpu, hills, tmp_path):
+    algorithm = default_algorithm()
+    drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", None, 1.0)
+    session = Session(app_gpu, hills, drawing, folder=tmp_path)
+    session.draw((64, 36))
+    yield session
+    session.close()
+    assert app_gpu.ctx.error == "GL_NO_ERROR"
