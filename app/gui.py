@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
+from typing import Any
 
 import imgui_bundle
 from imgui_bundle import imgui
@@ -43,10 +44,10 @@ class Gui:
         The GLFW window, whose callbacks ImGui chains.
     """
 
-    def __init__(self, window: object) -> None:
+    def __init__(self, window: Any) -> None:
         create_context()
-        address = ctypes.cast(window, ctypes.c_void_p).value  # type: ignore[arg-type]
-        imgui.backends.glfw_init_for_opengl(address, True)
+        address = ctypes.cast(window, ctypes.c_void_p).value
+        imgui.backends.glfw_init_for_opengl(address or 0, True)
         imgui.backends.opengl3_init("#version 330")
 
     def begin(self) -> None:

@@ -57,7 +57,7 @@ def read_value(field: Field[Any], text: str) -> Any:
         if not matching:
             raise problem
         return matching[0]
-    kind = type(field.default)
+    kind: Any = type(field.default)
     if kind is bool:
         if text.lower() not in _SWITCH:
             raise problem

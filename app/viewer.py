@@ -46,7 +46,7 @@ class Window:
             # ImGui first: it brings the GLFW that both then share.
             from app import gui, panel  # isort: skip
             import glfw
-            from moderngl_window.context.glfw import Window as GlfwWindow
+            from moderngl_window.context.glfw.window import Window as GlfwWindow
         except (ImportError, OSError) as error:
             raise WindowError(explain_missing_gl(str(error))) from None
         self._glfw, self._gui_module, self._panel = glfw, gui, panel.Panel()
