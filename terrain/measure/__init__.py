@@ -1,0 +1,1 @@
+"""The laboratory: accuracy against the reference surface, cost, sweeps, charts, stability."""
