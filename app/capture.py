@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from terrain.errors import InputError
 
+FILE_SUFFIXES = (".png", ".mp4")
 Picture = npt.NDArray[np.uint8]
 """(height, width, 3) RGB, row 0 at the top."""
 
@@ -106,10 +107,7 @@ class FrameFolder:
 
     def __init__(self, folder: Path, overwrite: bool = False) -> None:
         self._folder, self._overwrite, self._count = folder, overwrite, 0
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"Expected a folder for the frames, found the file {folder}. Choose another name.")
-        if folder.is_dir() and not overwrite and any(folder.glob("frame_*.png")):
-            raise InputError(f"{folder} holds frames already. Choose another folder, or add --overwrite.")
+        refuse_frames(folder, overwrite)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -172,6 +170,19 @@ class Film:
         self._container.close()
         # The renaming block ends well, or sees the error and deletes.
         self._stack.__exit__(None, None, None) if keep else self._stack.__exit__(kind, error, trace)
+
+
+def refuse_frames(folder: Path, overwrite: bool = False) -> None:
+    """Raise `InputError` where ``folder`` is a file, or holds frames that may not be replaced."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"Expected a folder for the frames, found the file {folder}. Choose another name.")
+    if folder.is_dir() and not overwrite and any(folder.glob("frame_*.png")):
+        raise InputError(f"{folder} holds frames already. Choose another folder, or add --overwrite.")
+
+
+def refuse_output(out: Path, overwrite: bool = False) -> None:
+    """Raise `InputError` where `open_sink` would: asked before the work begins."""
+    (refuse_existing if out.suffix.lower() in FILE_SUFFIXES else refuse_frames)(out, overwrite)
 
 
 def open_sink(out: Path, size_px: tuple[int, int], fps: int, overwrite: bool = False) -> Sink:

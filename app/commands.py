@@ -42,7 +42,7 @@ def view(args: argparse.Namespace) -> None:
 
 def render(args: argparse.Namespace) -> None:
     """Draw pictures off screen: a PNG, a folder of PNGs, an MP4 film, or world positions."""
-    from app.capture import open_sink, refuse_existing, save_array
+    from app.capture import open_sink, refuse_existing, refuse_output, save_array
     from app.rendering import draw_pictures, write_pictures
     from terrain.gpu.context import create_offscreen_gpu
 
@@ -50,10 +50,12 @@ def render(args: argparse.Namespace) -> None:
     is_single = args.eye is not None or args.at is not None or (args.out is not None and args.out.suffix == ".png")
     _check_render(args, is_single)
     drawing = read_drawing(args)
-    heightfield = open_terrain(args)
-    cameras, times_s = _render_cameras(args, heightfield, is_single)
+    if args.out is not None:
+        refuse_output(args.out, args.overwrite)
     if args.positions is not None:
         refuse_existing(args.positions, args.overwrite)
+    heightfield = open_terrain(args)
+    cameras, times_s = _render_cameras(args, heightfield, is_single)
     gpu = create_offscreen_gpu()
     stage = open_stage(gpu, heightfield, drawing, read_texture(drawing, heightfield))
     try:

@@ -20,7 +20,8 @@ def names(folder):
 
 def test_png_holds_the_picture_exactly(tmp_path):
     save_png(tmp_path / "a.png", PICTURE)
-    assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), PICTURE)
+    with Image.open(tmp_path / "a.png") as image:
+        assert np.array_equal(np.asarray(image), PICTURE)
     assert names(tmp_path) == ["a.png"]
 
 
@@ -31,15 +32,21 @@ def test_what_exists_is_replaced_only_when_asked(tmp_path):
         save_png(path, PICTURE)
     assert path.read_text() == "mine"
     save_png(path, PICTURE, overwrite=True)
-    assert Image.open(path).size == (64, 36)
+    with Image.open(path) as image:
+        assert image.size == (64, 36)
 
 
 def test_a_failed_write_leaves_what_was_there(tmp_path):
     path = tmp_path / "a.npy"
     save_array(path, np.arange(3))
-    with pytest.raises(RuntimeError, match="half way"), replacing(path, overwrite=True) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError("half way")
+
+    def write_half():
+        with replacing(path, overwrite=True) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError("half way")
+
+    with pytest.raises(RuntimeError, match="half way"):
+        write_half()
     assert np.array_equal(np.load(path), np.arange(3))
     assert names(tmp_path) == ["a.npy"]
 
@@ -74,15 +81,18 @@ def test_film_holds_every_frame_at_its_rate(tmp_path, size_px):
 
 
 def test_film_interrupted_by_the_user_keeps_its_frames_and_a_failed_one_leaves_nothing(tmp_path):
-    with pytest.raises(KeyboardInterrupt), Film(tmp_path / "kept.mp4", (64, 36), 24) as film:
-        film.add(PICTURE)
-        raise KeyboardInterrupt
-    with pytest.raises(ValueError, match="broken"), Film(tmp_path / "lost.mp4", (64, 36), 24) as film:
-        film.add(PICTURE)
-        raise ValueError("broken")
+    def film_until(name, error):
+        with Film(tmp_path / name, (64, 36), 24) as film:
+            film.add(PICTURE)
+            raise error
+
+    with pytest.raises(KeyboardInterrupt):
+        film_until("kept.mp4", KeyboardInterrupt())
+    with pytest.raises(ValueError, match="broken"):
+        film_until("lost.mp4", ValueError("broken"))
     assert names(tmp_path) == ["kept.mp4"]
 
 
 def test_film_too_small_to_exist_is_refused(tmp_path):
-    with pytest.raises(InputError, match="2x2"):
+    with pytest.raises(InputError, match="2 x 2"):
         Film(tmp_path / "a.mp4", (1, 36), 24)
