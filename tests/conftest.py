@@ -21,3 +21,26 @@ def dem():
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def _session_gpu():
+    from terrain.errors import InputError
+    from terrain.gpu.context import create_offscreen_gpu
+
+    try:
+        gpu = create_offscreen_gpu()
+    except InputError as error:
+        pytest.skip(f"no off-screen OpenGL here: {error}")
+    yield gpu
+    gpu.release()
+    gpu.ctx.release()
+
+
+@pytest.fixture
+def gpu(_session_gpu):
+    """One off-screen GPU for the whole run; a GL error before or after a test fails it."""
+    assert _session_gpu.ctx.error == "GL_NO_ERROR"
+    _session_gpu.prepare_state()
+    yield _session_gpu
+    assert _session_gpu.ctx.error == "GL_NO_ERROR"

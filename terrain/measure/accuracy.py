@@ -12,6 +12,7 @@ frames, maxima and means are exact.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from terrain.camera import Camera
 from terrain.frame import Frame
@@ -177,7 +179,7 @@ class AccuracyMeter:
             data[..., 0],
             data[..., 1],
             covered,
-            count_holes(covered, truth.covered),
+            count_holes(covered, truth.covered, renderer.settings.tolerance_px),
             silhouette_shift(covered, truth.covered),
             int((covered != truth.covered).sum()),
             popping,
@@ -250,14 +252,35 @@ def drawn_by(stage: Stage, renderer: Renderer) -> Iterator[None]:
         stage.renderer = own
 
 
-def count_holes(covered: Bools, truth: Bools) -> int:
-    """Pixels that show sky although the reference shows terrain there and in all eight neighbours."""
-    padded = np.pad(truth, 1)
-    inner = truth.copy()
-    for i in range(3):
-        for j in range(3):
-            inner &= padded[i : i + truth.shape[0], j : j + truth.shape[1]]
-    return int((inner & ~covered).sum())
+def count_holes(covered: Bools, truth: Bools, tolerance_px: float = 0.0) -> int:
+    """Pixels that show sky although the reference shows terrain there and all around.
+
+    Two kinds count: a gap that terrain encloses counts where the reference covers all eight neighbours too; a gap open
+    to the sky counts where the reference covers everything within the promised error, since a method may lower the
+    silhouette by as much.
+
+    Parameters
+    ----------
+    covered, truth : ndarray of bool, (height, width)
+        What the picture and the reference show.
+    tolerance_px : float
+        The promise; a quarter is added, and at least one pixel is granted.
+    """
+    missing = truth & ~covered
+    if not (missing & _inner(truth, 1)).any():
+        return 0
+    regions, _ = ndimage.label(~covered, np.ones((3, 3)))
+    is_open = np.zeros(regions.max() + 1, np.bool_)
+    is_open[np.unique(regions[~truth])] = True
+    enclosed = missing & ~is_open[regions] & _inner(truth, 1)
+    slits = missing & is_open[regions] & _inner(truth, max(1, math.ceil(1.25 * tolerance_px)))
+    return int((enclosed | slits).sum())
+
+
+def _inner(mask: Bools, reach_px: int) -> Bools:
+    """Pixels all of whose neighbours within ``reach_px`` are set; past the picture's edge nothing is."""
+    size = 2 * reach_px + 1
+    return np.asarray(ndimage.minimum_filter(mask.astype(np.uint8), size, mode="constant", cval=0), np.bool_)
 
 
 def silhouette_shift(covered: Bools, truth: Bools) -> npt.NDArray[np.float32]:
