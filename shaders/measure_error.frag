@@ -5,11 +5,11 @@
 #include "lib/frame.glsl"
 #include "lib/surface.glsl"
 
-// Corners of triangles are rounded to 1/256 px, so that pixel centres may lie outside their triangle by as much. Seen edge
+// Corners of triangles are rounded to 1/256 px, so that pixel centres may lie half as much outside their triangle. Seen edge
 // on, that shifts a point far along the sight ray, past the triangle's end; the shift is subtracted from the error. Where
-// drawn and reference surface are about parallel it amounts to 1/256 px. A triangle that runs through its whole distance
+// drawn and reference surface are about parallel it amounts to 1/256 px at most. A triangle that runs through its whole distance
 // within one pixel has no point that could be measured: its error counts as 0.
-const float RASTER_GRID_PX = 1.0 / 256.0;
+const float RASTER_ROUNDING_PX = 1.0 / 512.0;
 
 uniform sampler2D u_extra0;       // positions relative to the eye; w: 0 uncovered, else 1 + metres moved across a pixel
 uniform int u_uniform_diagonals;  // the rule the renderer promises: 1 uniform, 0 alternating
@@ -36,7 +36,7 @@ void main() {
     vec2 slope = rise / u_grid.zw;
     float distance_m = length(position_m.xyz);
     vec3 normal = vec3(-slope.x, 1.0, -slope.y) * inversesqrt(1.0 + dot(slope, slope));
-    float shift_m = (position_m.w - 1.0) * RASTER_GRID_PX * abs(dot(normal, position_m.xyz)) / distance_m;
+    float shift_m = (position_m.w - 1.0) * RASTER_ROUNDING_PX * abs(dot(normal, position_m.xyz)) / distance_m;
     bool edge_on = position_m.w - 1.0 > distance_m;
     delta_m = edge_on ? 0.0 : sign(delta_m) * max(abs(delta_m) - shift_m / normal.y, 0.0);
     out_colour = vec4(u_eye_height.w * delta_m * normal.y / distance_m, delta_m, distance_m, 1.0);
