@@ -18,6 +18,7 @@ from app.keys import HELD, bindings
 from app.session import Session
 
 FONT_PX = 15.0
+CTRL = "Ctrl+"
 _FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "DroidSans.ttf"
 
 
@@ -85,10 +86,12 @@ def read_inputs(focused: bool = True) -> Inputs:
 
 def press_keys(session: Session) -> None:
     """Do what the keys pressed in this frame ask for."""
-    if imgui.get_io().want_text_input:
+    io = imgui.get_io()
+    if io.want_text_input:
         return
     for binding in bindings():
-        if imgui.is_key_pressed(key_named(binding.key), False):
+        key = binding.key.removeprefix(CTRL)
+        if imgui.is_key_pressed(key_named(key), False) and io.key_ctrl == binding.key.startswith(CTRL):
             binding.act(session)
 
 

@@ -41,6 +41,7 @@ _ACTS = (
     Binding("T", "show or hide the panel", Session.toggle_panel),
     Binding("H", "show or hide this help", Session.toggle_help),
     Binding("Escape", "close the help, stop the replay", Session.escape),
+    Binding("Ctrl+Q", "leave", Session.leave),
 )
 
 

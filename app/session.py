@@ -68,6 +68,7 @@ class Session:
         self.clock_s = 0.0
         self.shows_help = False
         self.shows_panel = True
+        self.is_leaving = False
         self._message, self._message_until_s = "", 0.0
         self._changed_s = 0.0
         self.say(f"{heightfield.name}: {heightfield.cols} x {heightfield.rows} posts. H lists the keys.")
@@ -271,6 +272,10 @@ class Session:
             self.shows_help = False
         elif self.replay_s is not None:
             self.stop_replay("Replay stopped.")
+
+    def leave(self) -> None:
+        """Ask the window to close."""
+        self.is_leaving = True
 
     def _save(self, write: Any, done: str) -> None:
         try:

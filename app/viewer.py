@@ -48,7 +48,7 @@ class Window:
             import glfw
             from moderngl_window.context.glfw.window import Window as GlfwWindow
         except (ImportError, OSError) as error:
-            raise WindowError(explain_missing_gl(str(error))) from None
+            raise WindowError(explain_no_window(str(error))) from None
         self._glfw, self._gui_module, self._panel = glfw, gui, panel.Panel()
         with warnings.catch_warnings(record=True) as heard:  # GLFW's reasons arrive as warnings
             warnings.simplefilter("always")
@@ -56,7 +56,7 @@ class Window:
                 self._window: Any = GlfwWindow(title="Reliefscope", size=size_px, gl_version=(3, 3), vsync=True)
             except Exception as error:
                 reasons = "; ".join(str(warning.message).strip("b'\"") for warning in heard) or str(error)
-                raise WindowError(_explain(reasons)) from None
+                raise WindowError(explain_no_window(reasons)) from None
         self._window.exit_key = self._window.fullscreen_key = None
         self.gpu = Gpu(self._window.ctx)
         self._gui = gui.Gui(self._window._window)
@@ -84,7 +84,7 @@ class Window:
     def _loop(self, session: Any) -> None:
         glfw, gui, handle, ctx = self._glfw, self._gui_module, self._window._window, self.gpu.ctx
         last_s, was_focused = time.perf_counter(), False
-        while not self._window.is_closing:
+        while not (self._window.is_closing or session.is_leaving):
             hidden = glfw.get_window_attrib(handle, glfw.ICONIFIED) or 0 in glfw.get_framebuffer_size(handle)
             if hidden:
                 glfw.wait_events_timeout(HIDDEN_WAIT_S)
@@ -110,7 +110,8 @@ class Window:
             glfw.swap_buffers(handle)
 
 
-def _explain(reasons: str) -> str:
+def explain_no_window(reasons: str) -> str:
+    """One line for a window that could not be opened: no display, or what `explain_missing_gl` says."""
     lowered = reasons.lower()
     if "display" in lowered or "wayland" in lowered or "failed to initialize glfw" in lowered:
         return f"There is no display for a window ({reasons})."

@@ -189,7 +189,8 @@ def test_every_pressed_key_acts_once(ui, tmp_path):
     def steps(ctx):
         clear_focus(ctx)
         for binding in watched:
-            ctx.key_press(gui.key_named(binding.key))
+            key = gui.key_named(binding.key.removeprefix(gui.CTRL))
+            ctx.key_press(key | imgui.Key.mod_ctrl if binding.key.startswith(gui.CTRL) else key)
             ctx.yield_(2)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -247,6 +248,10 @@ def test_keys_freeze_record_play_save_frame_and_help(ui, tmp_path):
         assert not session.shows_panel
         press("T")
         assert session.shows_panel
+        press("Q")
+        assert not session.is_leaving
+        ctx.key_press(imgui.Key.mod_ctrl | imgui.Key.q)
+        assert session.is_leaving
 
     ui.run(steps)
 

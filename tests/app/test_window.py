@@ -1,0 +1,128 @@
+"""One flight from end to end: the real program under Xvfb, real keys, a real mouse."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.viewer import Window, WindowError, explain_no_window
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Xvfb and xdotool are for X11")
+DISPLAY = f":{90 + os.getpid() % 900}"
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def desktop(tmp_path):
+    """A virtual screen; the environment that shows windows on it."""
+    for tool in ("Xvfb", "xdotool"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed (apt-get install xvfb xdotool)")
+    command = ["Xvfb", DISPLAY, "-screen", "0", "1280x720x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    environment = {**os.environ, "DISPLAY": DISPLAY, "RELIEFSCOPE_CACHE": str(tmp_path / "cache")}
+    environment.pop("WAYLAND_DISPLAY", None)
+    wait_for(lambda: Path(f"/tmp/.X11-unix/X{DISPLAY[1:]}").exists(), "the virtual screen")
+    yield environment
+    server.terminate()
+    server.wait(10)
+
+
+def wait_for(condition, what):
+    """Poll until ``condition()`` is neither None nor False, and return it; the machine may be slow."""
+    end = time.monotonic() + PATIENCE_S
+    while (value := condition()) is None or value is False:
+        assert time.monotonic() < end, f"waited {PATIENCE_S} s in vain for {what}"
+        time.sleep(0.05)
+    return value
+
+
+def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
+    def xdo(*words):
+        return subprocess.run(["xdotool", *map(str, words)], env=desktop, capture_output=True, text=True, check=False)
+
+    def press(key):
+        xdo("key", "--clearmodifiers", key)
+
+    def picture():
+        """The picture saved with F12."""
+        before = set(tmp_path.glob("*.png"))
+        press("F12")
+        (path,) = wait_for(lambda: set(tmp_path.glob("*.png")) - before or None, "a picture")
+        with Image.open(path) as image:
+            return np.asarray(image).astype(int)
+
+    def changed(before, what):
+        def differs():
+            after = picture()
+            return after if after.shape != before.shape or np.abs(after - before).mean() > 0.5 else None
+
+        return wait_for(differs, what)
+
+    program = [sys.executable, "-m", "app", "waves:65", "--size", "640x480"]
+    viewer = subprocess.Popen(program, cwd=tmp_path, env=desktop, stderr=subprocess.PIPE, text=True)
+    try:
+        found = wait_for(lambda: xdo("search", "--name", "waves — Reliefscope").stdout.split() or None, "the window")
+        window = found[0]
+        xdo("windowfocus", window)
+        xdo("mousemove", "--window", window, 500, 300)
+        first = picture()
+        assert first.shape == (480, 640, 3)
+        assert first.std() > 5.0
+
+        press("r")
+        xdo("keydown", "w", "sleep", 0.7, "keyup", "w")
+        flown = changed(first, "the key W to fly")
+        xdo("mousedown", 1, "mousemove_relative", "--sync", 90, 0, "mouseup", 1)
+        turned = changed(flown, "the mouse to turn the view")
+        press("r")
+        wait_for(lambda: list(tmp_path.glob("*.flight.json")) or None, "the recorded flight")
+
+        press("F2")
+        wires = changed(turned, "the wireframe view")
+        press("F1")
+        press("0")
+        changed(wires, "the reference in the shaded view")
+
+        xdo("windowsize", "--sync", window, 1, 1)
+        xdo("windowsize", "--sync", window, 800, 600)
+        wait_for(lambda: picture().shape == (600, 800, 3), "a picture of the new size")
+        xdo("windowminimize", window)
+        xdo("windowmap", window)
+        assert viewer.poll() is None
+        press("ctrl+q")
+        viewer.wait(PATIENCE_S)
+        assert viewer.returncode == 0, viewer.stderr.read()
+    finally:
+        viewer.kill()
+        viewer.communicate()
+
+
+def test_without_a_display_there_is_no_window_and_a_reason(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(WindowError, match="no display"):
+        Window((64, 36))
+
+
+def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":1999")
+    with pytest.raises(WindowError, match="no display"):
+        Window((64, 36))
+
+
+def test_a_missing_library_is_named_with_its_package(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":1999")
+    monkeypatch.setitem(sys.modules, "app.gui", None)
+    with pytest.raises(WindowError):
+        Window((64, 36))
+    assert "libx11-6" in explain_no_window("libX11.so.6: cannot open shared object file: No such file or directory")
+    assert "3.3" in explain_no_window("b'GLX: Failed to create context: GLXBadFBConfig'; version 3.3 not offered")
