@@ -166,10 +166,10 @@ def _edges_of_blocks(row: Ints, col: Ints, cells: int, edges: int) -> Ints:
     return edges & touching
 
 
-def clamp_local(local: Ints, cells: int) -> Ints:
+def clamp_local(local: Ints, cells: npt.ArrayLike) -> Ints:
     """Feet seen from tiles (6, ...), moved onto the tile's border where that changes no order: keys of equal orders."""
-    low = np.array([0, 0, 0, -cells, 0, 0]).reshape(6, *[1] * (local.ndim - 1))
-    high = np.array([1, 1, 2, 1, 3, 3]).reshape(low.shape) * cells
+    low = np.array([0, 0, 0, -1, 0, 0]).reshape(6, *[1] * (local.ndim - 1)) * np.asarray(cells)
+    high = np.array([1, 1, 2, 1, 3, 3]).reshape(6, *[1] * (local.ndim - 1)) * np.asarray(cells)
     return np.clip(local, low, high)
 
 

@@ -45,6 +45,10 @@ class Geometry:
         self, output: Output, mode: int = moderngl.TRIANGLES, vertices: int = -1, *, first: int = 0, instances: int = -1
     ) -> None:
         """Draw; see ``moderngl.VertexArray.render``."""
+        self.array(output).render(mode, vertices, first=first, instances=instances)
+
+    def array(self, output: Output) -> moderngl.VertexArray:
+        """The vertex array that draws ``output``: for many calls in a row, without looking it up for each."""
         if self._generation != self._gpu.programs.generation:  # shaders were reloaded
             self._release_arrays()
             self._generation = self._gpu.programs.generation
@@ -54,7 +58,7 @@ class Geometry:
                 program, self._content, index_buffer=self._index_buffer, index_element_size=4, skip_errors=True
             )
             self._arrays[program.glo] = (program, array)
-        self._arrays[program.glo][1].render(mode, vertices, first=first, instances=instances)
+        return self._arrays[program.glo][1]
 
     def _release_arrays(self) -> None:
         for _, array in self._arrays.values():

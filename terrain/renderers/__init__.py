@@ -3,11 +3,13 @@
 from terrain.renderers.base import Renderer
 from terrain.renderers.geomorph import GeomorphRenderer
 from terrain.renderers.multiresolution import MultiresolutionRenderer
+from terrain.renderers.painter import PainterRenderer
 from terrain.renderers.reference import ReferenceRenderer
 
 _TABLE: tuple[type[Renderer], ...] = (
     ReferenceRenderer,
     GeomorphRenderer,
     MultiresolutionRenderer,
+    PainterRenderer,
 )
 RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in _TABLE}
