@@ -161,7 +161,7 @@ class AccuracyMeter:
 
     def truth(self, camera: Camera, diagonal: Diagonal) -> Truth:
         """What the reference of a diagonal rule shows from ``camera``."""
-        target = self._draw_positions(self._reference(diagonal), self.stage.frame(camera, self.size_px))
+        target = self._draw_positions(self.reference(diagonal), self.stage.frame(camera, self.size_px))
         return Truth(target.read()[..., 3] > 0.5)
 
     def measure(self, renderer: Renderer, camera: Camera, time_s: float, truth: Truth) -> FrameAccuracy:
@@ -205,7 +205,8 @@ class AccuracyMeter:
         self._error_pass.release()
         self._popping_pass.release()
 
-    def _reference(self, diagonal: Diagonal) -> ReferenceRenderer:
+    def reference(self, diagonal: Diagonal) -> ReferenceRenderer:
+        """The reference renderer of a diagonal rule, made at first use."""
         if diagonal not in self._references:
             settings = ReferenceRenderer.Settings()
             self._references[diagonal] = ReferenceRenderer(self.stage.gpu, self.stage.scene, settings, diagonal)
