@@ -29,7 +29,7 @@ FAST = "Shift"
 MOUSE_HELP = (
     ("drag", "look around"),
     ("wheel", "fly faster, slower"),
-    ("right-click a slider, or Ctrl+click", "type a number"),
+    ("Ctrl+click", "type a number into a slider"),
 )
 
 _ACTS = (

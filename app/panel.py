@@ -23,6 +23,7 @@ WIDTH_EM, LABEL_EM = 21.0, 7.6
 MARGIN_EM = 0.6
 EXAGGERATION_RANGE = (0.1, 10.0)
 STEADY_MS = 1000.0 / 60.0
+_KEY_COLOUR = (1.0, 0.85, 0.5, 1.0)
 
 _FIXED = (
     imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_collapse
@@ -43,7 +44,7 @@ class Panel:
             self._draw_panel(session)
         _draw_status(session)
         if session.shows_help:
-            _draw_help()
+            _draw_help(session)
 
     def _draw_panel(self, session: Session) -> None:
         em, size = imgui.get_font_size(), imgui.get_io().display_size
@@ -232,7 +233,7 @@ def _draw_status(session: Session) -> None:
     if not lines:
         return
     em, size = imgui.get_font_size(), imgui.get_io().display_size
-    left = (WIDTH_EM + 2 * MARGIN_EM) * em if session.shows_panel else MARGIN_EM * em
+    left = _free_left(session) + MARGIN_EM * em
     imgui.set_next_window_pos((left, size.y - MARGIN_EM * em), 0, (0.0, 1.0))
     imgui.set_next_window_size_constraints((0.0, 0.0), (max(size.x - left - MARGIN_EM * em, 1.0), size.y))
     imgui.set_next_window_bg_alpha(0.75)
@@ -243,19 +244,26 @@ def _draw_status(session: Session) -> None:
         imgui.pop_text_wrap_pos()
 
 
-def _draw_help() -> None:
-    """All keys, in the middle of the window."""
-    size = imgui.get_io().display_size
-    imgui.set_next_window_pos((size.x / 2, size.y / 2), 0, (0.5, 0.5))
+def _draw_help(session: Session) -> None:
+    """All keys, in the middle of what the panel leaves free."""
+    em, size = imgui.get_font_size(), imgui.get_io().display_size
+    imgui.set_next_window_pos(((_free_left(session) + size.x) / 2, size.y / 2), 0, (0.5, 0.5))
     imgui.set_next_window_bg_alpha(0.94)
     held = [(f"{plus} {minus}", text) for plus, minus, text in HELD.values()]
     rows = [*held, (FAST, "fly four times as fast"), *MOUSE_HELP, *((b.key, b.help) for b in bindings())]
     half = math.ceil(len(rows) / 2)
+    imgui.push_style_var(imgui.StyleVar_.window_padding, (1.2 * em, em))
     with imgui_ctx.begin("Help", None, _OVERLAY), imgui_ctx.begin_table("keys", 4, imgui.TableFlags_.sizing_fixed_fit):
         for left, right in zip(rows[:half], [*rows[half:], ("", "")], strict=False):
             imgui.table_next_row()
             for key, text in (left, right):
                 imgui.table_next_column()
-                imgui.text_colored((1.0, 0.85, 0.5, 1.0), key)
+                imgui.text_colored(_KEY_COLOUR, f"{key}  ")
                 imgui.table_next_column()
-                imgui.text_unformatted(text + "    ")
+                imgui.text_unformatted(f"{text}      ")
+    imgui.pop_style_var()
+
+
+def _free_left(session: Session) -> float:
+    """Where the part of the window begins that the panel does not cover."""
+    return ((WIDTH_EM + MARGIN_EM) if session.shows_panel else 0.0) * imgui.get_font_size()
