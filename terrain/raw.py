@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.errors import InputError
-from terrain.raster import Raster, reduction, reduction_note
+from terrain.raster import MAX_DECODED_BYTES, Raster, reduction, reduction_note
 from terrain.unpack import unpack_member
 
 Endian = Literal["<", ">"]
@@ -184,6 +184,11 @@ def _raster(stored: Stored, notes: list[str]) -> Raster:
     if min(-(-rows // factor), -(-cols // factor)) < 2:
         raise InputError(
             f"expected a grid of at least 2 x 2 posts in {stored.path.name}, found {cols} x {rows}; give another"
+        )
+    if rows * cols * stored.dtype.itemsize // factor > MAX_DECODED_BYTES:
+        raise InputError(
+            f"expected at most {MAX_DECODED_BYTES >> 20} MB to be read from {stored.path.name}, found {cols} x {rows} "
+            f"{stored.dtype}; crop it, or write a GeoTIFF with overviews (gdaladdo)"
         )
     if factor > 1:
         notes.append(reduction_note(cols, rows, factor))

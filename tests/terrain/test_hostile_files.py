@@ -98,6 +98,9 @@ def made(tmp_path_factory):
         np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 10**9)})
     with (folder / "sparse.r32").open("wb") as file:
         file.truncate(20_000 * 20_000 * 4)
+    with (folder / "sparse.npy").open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": True, "shape": (90_000, 90_000)})
+        file.truncate(128 + 90_000**2 * 8)
     (folder / "vast.vrt").write_text(
         '<VRTDataset rasterXSize="1000000" rasterYSize="1000000"><VRTRasterBand dataType="Byte" band="1"/></VRTDataset>'
     )
@@ -125,6 +128,7 @@ def made(tmp_path_factory):
         ("claims.zip", "line: expected at most 1024 MB unpacked"),
         ("lies.zip", "line: expected an intact .zip file, found lies.zip"),
         ("claims.npy", "line: expected 8000000000000000"),
+        ("sparse.npy", "line: expected at most 4096 MB to be read from sparse.npy"),
         ("sparse.r32", "terrain: 6667 x 6667"),
         ("vast.vrt", "line: expected at most 4096 MB of posts in a VRT file"),
         ("self.vrt", "line: expected 99 x 99 readable posts in self.vrt"),

@@ -168,11 +168,12 @@ def test_east_to_west_is_turned_round(tmp_path):
     assert found.georeference == expected.georeference
 
 
-@pytest.mark.parametrize("angle_deg", [-75, -30, 0.5, 30, 89, 150])
-def test_rotated_grid_keeps_its_spacing_and_every_post_its_place(tmp_path, angle_deg):
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("angle_deg", [-75, -30, 0.5, 30, 89, 100, 150])
+def test_rotated_grid_keeps_its_spacing_and_every_post_its_place(tmp_path, angle_deg, mirrored):
     turn = np.radians(angle_deg)
     a, d = 20 * np.cos(turn), 20 * np.sin(turn)
-    b, e = 10 * np.sin(turn), -10 * np.cos(turn)
+    b, e = np.array([10 * np.sin(turn), -10 * np.cos(turn)]) * (-1 if mirrored else 1)
     heightfield = read_quietly(write_tif(tmp_path / "a.tif", hills(), (a, b, 1e5, d, e, 2e5)))
     np.testing.assert_allclose(heightfield.spacing_m, (20, 10))
     across = np.subtract(heightfield.georeference.to_map(1, 0), heightfield.georeference.to_map(0, 0))
