@@ -26,18 +26,22 @@ class Command(NamedTuple):
 
 def view(args: argparse.Namespace) -> None:
     """Fly over a terrain in a window; without a display, film its demo flight instead."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from app.viewer import Window, WindowError
+
     drawing = read_drawing(args)
     flight = _read_flight(args.flight)
-    try:
-        from app.viewer import Window, WindowError
-
-        window = Window(args.size or DEFAULT_SIZE_PX)
-    except WindowError as reason:
-        print(f"{reason} Filming the demo flight off screen instead.", flush=True)
-        _film_tour(args, drawing, flight)
-        return
-    with window:
-        window.run(open_terrain(args), drawing, flight)
+    with ThreadPoolExecutor(1) as pool:
+        terrain = pool.submit(open_terrain, args)  # read while the window is made
+        try:
+            window = Window(args.size or DEFAULT_SIZE_PX)
+        except WindowError as reason:
+            print(f"{reason} Filming the demo flight off screen instead.", flush=True)
+            _film_tour(terrain.result(), drawing, flight, args.size or TOUR_SIZE_PX)
+            return
+        with window:
+            window.run(terrain.result(), drawing, flight)
 
 
 def render(args: argparse.Namespace) -> None:
@@ -208,7 +212,7 @@ def _render_cameras(args: argparse.Namespace, heightfield: Any, is_single: bool)
     return [flight.camera_at(time_s) for time_s in times], times
 
 
-def _film_tour(args: argparse.Namespace, drawing: Any, flight: Any) -> None:
+def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, int]) -> None:
     """What ``view`` does without a display: frames and a film of the flight in a new folder."""
     from app.capture import Film, FrameFolder
     from app.rendering import draw_pictures, flight_times, write_pictures
@@ -216,8 +220,6 @@ def _film_tour(args: argparse.Namespace, drawing: Any, flight: Any) -> None:
     from terrain.gpu.context import create_offscreen_gpu
 
     gpu = create_offscreen_gpu()
-    heightfield = open_terrain(args)
-    size_px = args.size or TOUR_SIZE_PX
     flight = flight or demo_flight(heightfield)
     times_s = flight_times(flight.duration_s, TOUR_FRAMES, TOUR_FPS)
     stage = open_stage(gpu, heightfield, drawing, read_texture(drawing, heightfield))

@@ -171,14 +171,22 @@ class Session:
             return
         self._settings[self.algorithm] = self.settings
         settings = replace(self._settings[name], tolerance_px=self.settings.tolerance_px)
-        self.stage.set_renderer(name, settings)
-        self.touch()
-        self.say(f"{RENDERERS[name].title}. {RENDERERS[name].source}")
+        if self._set_renderer(name, settings):
+            self.say(f"{RENDERERS[name].title}. {RENDERERS[name].source}")
 
     def change_settings(self, settings: Any) -> None:
         """Give the current algorithm other settings."""
-        self.stage.set_renderer(self.algorithm, settings)
+        self._set_renderer(self.algorithm, settings)
+
+    def _set_renderer(self, name: str, settings: Any) -> bool:
+        """Whether it could be made; otherwise the old one stays, and the reason is shown."""
+        try:
+            self.stage.set_renderer(name, settings)
+        except (InputError, MemoryError, RuntimeError, ValueError) as error:
+            self.say(f"{RENDERERS[name].title} cannot be used here: {error or type(error).__name__}.")
+            return False
         self.touch()
+        return True
 
     def change_look(self, look: Any) -> None:
         self.stage.set_look(look)
@@ -231,6 +239,12 @@ class Session:
             self.recorder.add(self.clock_s, self.camera)
             self.say("Recording the flight; R stops and saves it.")
             return
+        self.save_recording()
+
+    def save_recording(self) -> None:
+        """End the recording, if there is one, and save it under a new name."""
+        if self.recorder is None:
+            return
         recorder, self.recorder = self.recorder, None
         self.flight = recorder.finish()
         path = numbered_path(self.folder / f"{self.heightfield.name}.flight.json")
@@ -241,8 +255,7 @@ class Session:
         if self.replay_s is not None:
             self.stop_replay("Replay stopped.")
             return
-        if self.recorder is not None:
-            self.toggle_recording()
+        self.save_recording()
         self.replay_s = 0.0
         self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
         self.say(f"Playing {self.flight.name} ({self.flight.duration_s:.0f} s); P or any movement stops it.")
@@ -287,8 +300,7 @@ class Session:
 
     def close(self) -> None:
         """Save an unfinished recording and release the GPU's memory."""
-        if self.recorder is not None:
-            self.toggle_recording()
+        self.save_recording()
         if self.picture is not None:
             self.picture.release()
         self.stage.release()

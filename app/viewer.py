@@ -53,7 +53,7 @@ class Window:
         with warnings.catch_warnings(record=True) as heard:  # GLFW's reasons arrive as warnings
             warnings.simplefilter("always")
             try:
-                self._window: Any = GlfwWindow(title="Reliefscope", size=size_px, gl_version=(3, 3), vsync=True)
+                self._window: Any = GlfwWindow(title="Reliefscope", size=size_px, gl_version=(3, 3), visible=False)
             except Exception as error:
                 reasons = "; ".join(str(warning.message).strip("b'\"") for warning in heard) or str(error)
                 raise WindowError(explain_no_window(reasons)) from None
@@ -76,6 +76,7 @@ class Window:
 
         session = Session(self.gpu, heightfield, drawing, flight)
         self._window.title = f"{heightfield.name} — Reliefscope"
+        self._window.visible = True  # not before there is something to see
         try:
             self._loop(session)
         finally:
