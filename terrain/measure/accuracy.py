@@ -156,6 +156,7 @@ class AccuracyMeter:
         self._changes = create_target(gpu, size_px, "position")
         self._error_pass = Geometry(gpu, "fullscreen", "measure_error")
         self._popping_pass = Geometry(gpu, "fullscreen", "measure_popping")
+        self._heat_pass = Geometry(gpu, "fullscreen", "view_error")
         self._references: dict[Diagonal, ReferenceRenderer] = {}
         self._previous: Frame | None = None
 
@@ -196,14 +197,30 @@ class AccuracyMeter:
             self._error_pass.program("position")["u_uniform_diagonals"] = int(diagonal == "uniform")
             self._error_pass.render("position", vertices=3)
 
+    def draw_error(self, renderer: Renderer, frame: Frame, target: Target) -> None:
+        """Draw the error heat map of one frame into a colour target of the meter's size."""
+        self._draw_positions(renderer, frame, self._positions[0])
+        self.measure_error(self._positions[0], self._errors[0], frame, renderer.diagonal)
+        with self._pass(target):
+            self._errors[0].texture.use(UNITS["u_extra1"])
+            self._heat_pass.program("flat")["u_tolerance_px"] = renderer.settings.tolerance_px
+            self._heat_pass.render("flat", vertices=3)
+        self.restart()  # the targets no longer hold consecutive frames
+
+    def render_error(self, renderer: Renderer, camera: Camera) -> npt.NDArray[np.uint8]:
+        """The error heat map of one view, (height, width, 3) uint8, row 0 at the top."""
+        target = self.stage.target(self.size_px)
+        self.draw_error(renderer, self.stage.frame(camera, self.size_px), target)
+        return np.ascontiguousarray(target.read()[..., :3])
+
     def release(self) -> None:
         """Release targets, passes and references."""
         for reference in self._references.values():
             reference.release()
         for target in (*self._positions, *self._errors, self._changes):
             target.release()
-        self._error_pass.release()
-        self._popping_pass.release()
+        for geometry in (self._error_pass, self._popping_pass, self._heat_pass):
+            geometry.release()
 
     def reference(self, diagonal: Diagonal) -> ReferenceRenderer:
         """The reference renderer of a diagonal rule, made at first use."""
