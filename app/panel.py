@@ -19,7 +19,7 @@ from app.session import Session
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
-WIDTH_EM, LABEL_EM = 21.0, 7.6
+WIDTH_EM, FIGURE_EM = 23.0, 8.6
 MARGIN_EM = 0.6
 EXAGGERATION_RANGE = (0.1, 10.0)
 STEADY_MS = 1000.0 / 60.0
@@ -37,6 +37,7 @@ class Panel:
 
     def __init__(self) -> None:
         self._dragged: dict[str, Any] = {}
+        self._label_width = 0.0
 
     def draw(self, session: Session) -> None:
         """The panel, the status line and the help of one frame."""
@@ -53,6 +54,9 @@ class Panel:
         imgui.set_next_window_size_constraints((WIDTH_EM * em, 0.0), (WIDTH_EM * em, max(size.y - 2 * margin, 1.0)))
         imgui.set_next_window_bg_alpha(0.88)
         flags = _FIXED | imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_title_bar
+        shown = (*dataclasses.fields(session.settings), *dataclasses.fields(session.stage.look))
+        labels = ["Exaggeration", *(field.metadata["label"] for field in shown)]
+        self._label_width = max(imgui.calc_text_size(label).x for label in labels) + 1.2 * em
         with imgui_ctx.begin("Reliefscope", None, flags):
             self._draw_algorithm(session)
             self._draw_view(session)
@@ -62,25 +66,24 @@ class Panel:
 
     def _draw_algorithm(self, session: Session) -> None:
         names = list(RENDERERS)
-        chosen = _combo("Algorithm", names.index(session.algorithm), [kind.title for kind in RENDERERS.values()],
+        chosen = self._combo("Algorithm", names.index(session.algorithm), [kind.title for kind in RENDERERS.values()],
                         RENDERERS[session.algorithm].source)  # fmt: skip
         if names[chosen] != session.algorithm:
             session.choose_algorithm(names[chosen])
         first, *own = dataclasses.fields(session.settings)
         changed = self._edit(session.settings, [first])
-        if own and imgui.tree_node("Settings of this algorithm"):
+        if own and imgui.collapsing_header("Settings of this algorithm"):
             changed = self._edit(changed, own)
-            imgui.tree_pop()
         if changed != session.settings:
             session.change_settings(changed)
 
     def _draw_view(self, session: Session) -> None:
         names = list(VIEWS)
         titles = [f"{view.title}  (F{number})" for number, view in enumerate(VIEWS.values(), 1)]
-        chosen = _combo("View", names.index(session.view), titles, VIEWS[session.view].help)
+        chosen = self._combo("View", names.index(session.view), titles, VIEWS[session.view].help)
         if names[chosen] != session.view:
             session.choose_view(names[chosen])
-        _label("Freeze", "Keep what is drawn as it was chosen from here, and fly on to look at it (F).")
+        self._label("Freeze", "Keep what is drawn as it was chosen from here, and fly on to look at it (F).")
         if imgui.checkbox("##Freeze", session.stage.frozen is not None)[0]:
             session.toggle_freeze()
         for title, act, help_text in (
@@ -119,6 +122,8 @@ class Panel:
             )
             imgui.set_item_tooltip("Time to choose and draw each picture; the graph begins at 0 ms.")
         with imgui_ctx.begin_table("figures", 2):
+            imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, FIGURE_EM * imgui.get_font_size())
+            imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
             for name, value in figures(session):
                 imgui.table_next_row()
                 imgui.table_next_column()
@@ -140,19 +145,33 @@ class Panel:
         if about["choices"] is not None:
             choices = list(about["choices"])
             suffix = f" {unit}" if unit else ""
-            return choices[_combo(label, choices.index(value), [f"{choice}{suffix}" for choice in choices], text)]
+            return choices[self._combo(label, choices.index(value), [f"{choice}{suffix}" for choice in choices], text)]
         if isinstance(value, bool):
-            _label(label, text)
+            self._label(label, text)
             return imgui.checkbox(f"##{label}", value)[1]
         shown_unit = f" {unit}".replace(" deg", "°") if unit else ""
         number = "%d" if isinstance(value, int) else "%.2f"
         return self._slider(field.name, value, label, text, about["range"], number + shown_unit, about["rebuild"])
 
+    def _label(self, label: str, text: str) -> None:
+        """A label with its tooltip, left of the widget that follows."""
+        imgui.align_text_to_frame_padding()
+        imgui.text(label)
+        imgui.set_item_tooltip(text)
+        imgui.same_line(self._label_width)
+
+    def _combo(self, label: str, current: int, items: list[str], text: str) -> int:
+        self._label(label, text)
+        imgui.set_next_item_width(-1.0)
+        chosen = imgui.combo(f"##{label}", current, items, len(items))[1]
+        imgui.set_item_tooltip(text)
+        return chosen
+
     def _slider(
         self, name: str, value: Any, label: str, text: str, limits: tuple[float, float], number: str, on_release: bool
     ) -> Any:
         """A slider; with ``on_release`` the new value counts only when the mouse lets go (it is dear to apply)."""
-        _label(label, text)
+        self._label(label, text)
         flags = imgui.SliderFlags_.always_clamp
         if limits[0] > 0 and limits[1] / limits[0] >= 20:
             flags |= imgui.SliderFlags_.logarithmic
@@ -201,22 +220,6 @@ def _bytes(value: int) -> str:
         if value >= size:
             return f"{value / size:,.1f} {unit}"
     return f"{value} bytes"
-
-
-def _label(label: str, text: str) -> None:
-    """A label with its tooltip, left of the widget that follows."""
-    imgui.align_text_to_frame_padding()
-    imgui.text(label)
-    imgui.set_item_tooltip(text)
-    imgui.same_line(LABEL_EM * imgui.get_font_size())
-
-
-def _combo(label: str, current: int, items: list[str], text: str) -> int:
-    _label(label, text)
-    imgui.set_next_item_width(-1.0)
-    chosen = imgui.combo(f"##{label}", current, items, len(items))[1]
-    imgui.set_item_tooltip(text)
-    return chosen
 
 
 def _draw_status(session: Session) -> None:

@@ -62,7 +62,6 @@ def test_every_setting_of_an_algorithm_has_a_widget_that_changes_it(ui, name):
         change_widget(ctx, tolerance, lambda: ui.session.settings)
         if own:
             ctx.item_open("Settings of this algorithm")
-            ctx.set_ref(f"{PANEL}/Settings of this algorithm")
         for field in own:
             change_widget(ctx, field, lambda: ui.session.settings)
 
@@ -75,6 +74,23 @@ def test_every_setting_of_the_look_has_a_widget_that_changes_it(ui):
         ctx.item_open("Look")
         for field in dataclasses.fields(ui.session.stage.look):
             change_widget(ctx, field, lambda: ui.session.stage.look)
+
+    ui.run(steps)
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_no_widget_covers_its_label(ui, name):
+    ui.session.choose_algorithm(name)
+
+    def steps(ctx):
+        ctx.set_ref(PANEL)
+        ctx.item_open("Settings of this algorithm") if len(dataclasses.fields(ui.session.settings)) > 1 else None
+        ctx.item_open("Look")
+        left = ctx.window_info(PANEL).window.dc.cursor_start_pos.x
+        for field in (*dataclasses.fields(ui.session.settings), *dataclasses.fields(ui.session.stage.look)):
+            label = field.metadata["label"]
+            widget = ctx.item_info(f"##{label}").rect_full.min.x
+            assert widget >= left + imgui.calc_text_size(label).x, label
 
     ui.run(steps)
 
