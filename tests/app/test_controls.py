@@ -31,6 +31,10 @@ def above_waves(x, y, z):
     return y - 100.0 * math.sin(x / 300.0) * math.cos(z / 300.0)
 
 
+def at_constant_height(x, y, z):
+    return 100.0
+
+
 def fly(inputs, seconds, fps, clearance=above_sea, camera=START, motion=Motion()):  # noqa: B008 frozen
     for _ in range(round(seconds * fps)):
         camera, motion = move(camera, motion, inputs, 1.0 / fps, clearance, LEAST_M)
@@ -45,6 +49,14 @@ def test_flight_does_not_depend_on_the_frame_rate(clearance, forward, right, up,
     quick, _ = fly(held, 1.0, 144, clearance)
     travelled = np.linalg.norm(quick.eye_m - START.eye_m)
     assert np.linalg.norm(slow.eye_m - quick.eye_m) <= 0.01 * travelled
+
+
+@given(forward=sign, right=sign, up=sign, fast=st.booleans())
+def test_at_constant_speed_the_path_is_exact_at_any_frame_rate(forward, right, up, fast):
+    held = Inputs(forward, right, up, fast)
+    slow, _ = fly(held, 1.0, 24, at_constant_height)
+    quick, _ = fly(held, 1.0, 144, at_constant_height)
+    assert slow.position_m == pytest.approx(quick.position_m, rel=1e-9, abs=1e-9)
 
 
 @given(inputs=inputs, velocity=st.tuples(finite, finite, finite))
@@ -97,11 +109,8 @@ def test_each_key_moves_in_its_own_direction(held, direction):
 
 
 def test_shift_is_faster_and_opposite_keys_cancel():
-    def constant(x, y, z):
-        return 100.0
-
-    once = fly(Inputs(right=1.0), 1.0, 60, constant)[0].eye_m - START.eye_m
-    fast = fly(Inputs(right=1.0, fast=True), 1.0, 60, constant)[0].eye_m - START.eye_m
+    once = fly(Inputs(right=1.0), 1.0, 60, at_constant_height)[0].eye_m - START.eye_m
+    fast = fly(Inputs(right=1.0, fast=True), 1.0, 60, at_constant_height)[0].eye_m - START.eye_m
     assert fast == pytest.approx(FASTER * once)
     assert fly(Inputs(), 1.0, 60)[0] == START
 
