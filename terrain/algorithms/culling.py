@@ -153,10 +153,12 @@ class Culler:
         return Nodes(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
     def _eye_above_ground(self, frame: Frame) -> bool:
-        """From below the ground hidden and hiding change places; outside the grid there is no ground to be under."""
+        """Ground hides what a sight ray meets after going below it, so the ray must start above it.
+
+        From below, and from outside the grid, where rays may enter under its cut edge, nothing is certainly hidden.
+        """
         x, y, z = frame.eye_m
-        ground = self._scene.heightfield.heights_at(x, z)
-        return bool(np.isnan(ground) or y > ground)
+        return bool(y > self._scene.heightfield.heights_at(x, z))  # NaN outside
 
     def _before_horizon(self, nodes: Nodes, frame: Frame) -> npt.NDArray[np.intp]:
         """Indices of the nodes (sorted by distance) that rise above the horizon made by nearer ones."""
@@ -195,6 +197,11 @@ class Culler:
         fill_count = np.where(seam, 0, np.maximum(np.floor(last) - np.ceil(first), 0)).astype(np.int64)
 
         bins = np.full(AZIMUTH_BINS + 1, -np.inf)
+        # Behind a hole nothing is hidden for certain: a ray may go below the ground through it.
+        ceiling = np.full(AZIMUTH_BINS + 1, np.inf)
+        holes = np.flatnonzero(np.isneginf(bottom))
+        holes = holes[np.argsort(near[holes], kind="stable")]
+        near_holes, opened = near[holes], 0
         visible = np.ones(len(near), np.bool_)
         by_near, by_far = np.argsort(near, kind="stable"), np.argsort(far, kind="stable")
         near_sorted, far_sorted = near[by_near], far[by_far]
@@ -204,9 +211,15 @@ class Culler:
             stop = int(np.searchsorted(near_sorted, begin * BAND_RATIO, "right"))
             until = int(np.searchsorted(far_sorted, begin, "right"))
             raising = by_far[filled:until]
+            if opened < len(holes):
+                opening = holes[opened : int(np.searchsorted(near_holes, begin, "right"))]
+                opened += len(opening)
+                ceiling[_spans(test_first[opening], test_count[opening])[0]] = -np.inf
+                if seam[opening].any():
+                    break  # a hole below or behind the eye: all round it
             if len(raising):
                 spans, owner = _spans(fill_first[raising], fill_count[raising])
-                np.maximum.at(bins, spans, reached[raising][owner])
+                np.maximum.at(bins, spans, np.minimum(reached[raising][owner], np.maximum(ceiling[spans], bins[spans])))
                 filled = until
             band = by_near[start:stop]
             spans, _ = _spans(test_first[band], test_count[band])

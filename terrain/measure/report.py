@@ -91,8 +91,8 @@ def write_report(
 {drawings}
 <h2>Measured</h2><div class="wide">{_table(results["runs"])}</div>
 <p class="small">Error: distance of the drawn surface to the reference surface, projected to the screen, over all
-covered pixels of all frames. A promise is kept where 99.9 % of the pixels err by no more than the tolerance. What was not
-measured is left blank.</p>
+covered pixels of all frames. A promise is kept where 99.9 % of the pixels err by no more than the tolerance. What was
+not measured is left blank.</p>
 <h2>Seen</h2>{gallery}
 <h2>Repeat it</h2><p><code>{html.escape(command)}</code></p>
 <p class="small">{html.escape(machine["renderer"])}; OpenGL {html.escape(machine["gl"])}; \
