@@ -36,7 +36,9 @@ def write_pictures(pictures: Iterable[Picture], count: int, sinks: Sequence[Sink
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=count < 2, transient=True) as progress:
+    console = Console(stderr=True)
+    silent = count < 2 or not console.is_terminal
+    with Progress(*columns, console=console, disable=silent, transient=True) as progress:
         task = progress.add_task(label, total=count)
         for picture in pictures:
             for sink in sinks:

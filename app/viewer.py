@@ -6,6 +6,7 @@ What cannot be had is said in one line: a display, a library, a driver, OpenGL 3
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 import warnings
@@ -55,7 +56,7 @@ class Window:
             try:
                 self._window: Any = GlfwWindow(title="Reliefscope", size=size_px, gl_version=(3, 3), visible=False)
             except Exception as error:
-                reasons = "; ".join(str(warning.message).strip("b'\"") for warning in heard) or str(error)
+                reasons = "; ".join(str(warning.message) for warning in heard) or str(error)
                 raise WindowError(explain_no_window(reasons)) from None
         self._window.exit_key = self._window.fullscreen_key = None
         self.gpu = Gpu(self._window.ctx)
@@ -113,6 +114,7 @@ class Window:
 
 def explain_no_window(reasons: str) -> str:
     """One line for a window that could not be opened: no display, or what `explain_missing_gl` says."""
+    reasons = re.sub(r"\(\d+\) |b?['\"]", "", reasons)  # GLFW's error numbers, Python's quotes
     lowered = reasons.lower()
     if "display" in lowered or "wayland" in lowered or "failed to initialize glfw" in lowered:
         return f"There is no display for a window ({reasons})."

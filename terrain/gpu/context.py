@@ -141,6 +141,7 @@ def explain_missing_gl(message: str) -> str:
         return f"Found no libX11, which the window library needs. Install it ({packages})."
     if "eglinitialize" in lowered or "device" in lowered:
         return f"Found no working OpenGL driver ({message}). Install the graphics driver or Mesa ({packages})."
-    if "version" in lowered or "require" in lowered:
+    too_old = ("version", "require", "0x3009", "badfbconfig")  # EGL_BAD_MATCH, GLXBadFBConfig: no such version
+    if any(word in lowered for word in too_old):
         return f"Reliefscope needs OpenGL 3.3 or newer, which this driver does not offer ({message})."
     return f"Found no usable OpenGL ({message}). Install a graphics driver, or Mesa ({packages})."

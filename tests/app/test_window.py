@@ -127,4 +127,9 @@ def test_a_missing_library_is_named_with_its_package(monkeypatch):
     with pytest.raises(WindowError):
         Window((64, 36))
     assert "libx11-6" in explain_no_window("libX11.so.6: cannot open shared object file: No such file or directory")
-    assert "3.3" in explain_no_window("b'GLX: Failed to create context: GLXBadFBConfig'; version 3.3 not offered")
+
+
+def test_reasons_are_told_without_the_librarys_decoration():
+    told = explain_no_window("(65543) b'GLX: Failed to create context: GLXBadFBConfig'")
+    assert "OpenGL 3.3" in told
+    assert "(GLX: Failed to create context: GLXBadFBConfig)" in told
