@@ -54,6 +54,7 @@ class Gpu:
         self._clip_control = self.function("glClipControl", None, ctypes.c_uint, ctypes.c_uint)
         self.reversed_z = self._clip_control is not None if clip_control is None else clip_control
         self.programs = Programs(ctx, {} if self.reversed_z else {"LOG_DEPTH": 1})
+        self._default_framebuffer = ctx.detect_framebuffer(0)
         self.prepare_state()
 
     def function(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any] | None:
@@ -98,6 +99,12 @@ class Gpu:
         bind(GL_TEXTURE_2D, texture.glo)
         allocate(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT32F, *size_px, 0, GL_DEPTH_COMPONENT, GL_FLOAT, None)
         return texture
+
+    def release_framebuffer(self, framebuffer: moderngl.Framebuffer) -> None:
+        """Release a framebuffer. A bound one is unbound first: moderngl would bind it again, and GL complain."""
+        if self.ctx.fbo is framebuffer:
+            self._default_framebuffer.use()
+        framebuffer.release()
 
     def release(self) -> None:
         """Release the programs and give the state back; the context itself belongs to who made it."""

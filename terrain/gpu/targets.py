@@ -19,6 +19,7 @@ _FORMAT = {"colour": (4, "f1"), "position": (4, "f4"), "count": (1, "f4")}
 class Target:
     """A framebuffer with one texture and a depth texture of its own."""
 
+    gpu: Gpu
     framebuffer: moderngl.Framebuffer
     texture: moderngl.Texture
     depth: moderngl.Texture
@@ -37,8 +38,9 @@ class Target:
         return np.frombuffer(self.depth.read(), np.float32).reshape(height, width)[::-1]
 
     def release(self) -> None:
-        for part in (self.framebuffer, self.texture, self.depth):
-            part.release()
+        self.gpu.release_framebuffer(self.framebuffer)
+        self.texture.release()
+        self.depth.release()
 
 
 def create_target(gpu: Gpu, size_px: tuple[int, int], kind: Kind = "colour") -> Target:
@@ -49,4 +51,4 @@ def create_target(gpu: Gpu, size_px: tuple[int, int], kind: Kind = "colour") -> 
     texture.repeat_x = texture.repeat_y = False
     depth = gpu.depth_texture(size_px)
     framebuffer = gpu.ctx.framebuffer([texture], depth)
-    return Target(framebuffer, texture, depth, size_px)
+    return Target(gpu, framebuffer, texture, depth, size_px)
