@@ -21,7 +21,7 @@ from terrain.pyramid import BASE_LEVEL
 from terrain.scene import Scene
 
 AZIMUTH_BINS = 1024
-BAND_RATIO = 1.35  # distance ratio of successive bands: smaller hides a little more and costs numpy calls
+BAND_RATIO = 1.5  # distance ratio of successive bands: smaller hides a little more and costs numpy calls
 
 Ints = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float64]
@@ -196,44 +196,54 @@ class Culler:
         fill_first = np.where(seam, 0, np.ceil(first)).astype(np.int64)
         fill_count = np.where(seam, 0, np.maximum(np.floor(last) - np.ceil(first), 0)).astype(np.int64)
 
-        bins = np.full(AZIMUTH_BINS + 1, -np.inf)
-        # Behind a hole nothing is hidden for certain: a ray may go below the ground through it.
-        ceiling = np.full(AZIMUTH_BINS + 1, np.inf)
-        holes = np.flatnonzero(np.isneginf(bottom))
-        holes = holes[np.argsort(near[holes], kind="stable")]
-        near_holes, opened = near[holes], 0
-        visible = np.ones(len(near), np.bool_)
-        by_near, by_far = np.argsort(near, kind="stable"), np.argsort(far, kind="stable")
+        by_near, by_far = np.argsort(near), np.argsort(far)
         near_sorted, far_sorted = near[by_near], far[by_far]
+        test_bins, test_start, _ = _spans(test_first[by_near], test_count[by_near])
+        fill_bins, fill_start, owner = _spans(fill_first[by_far], fill_count[by_far])
+        fill_values = reached[by_far][owner]
+        highest, seam_sorted = highest[by_near], seam[by_near]
+        # Behind a hole nothing is hidden for certain: a ray may go below the ground through it.
+        holes = by_near[np.isneginf(bottom[by_near])]
+        near_holes, opened = near[holes], 0
+        ceiling = np.full(AZIMUTH_BINS + 1, np.inf)
+
+        bins = np.full(AZIMUTH_BINS + 1, -np.inf)
+        visible = np.ones(len(near), np.bool_)
         start, filled = int(np.searchsorted(near_sorted, 0.0, "right")), 0
         while start < len(near):
             begin = near_sorted[start]
             stop = int(np.searchsorted(near_sorted, begin * BAND_RATIO, "right"))
             until = int(np.searchsorted(far_sorted, begin, "right"))
-            raising = by_far[filled:until]
             if opened < len(holes):
                 opening = holes[opened : int(np.searchsorted(near_holes, begin, "right"))]
                 opened += len(opening)
                 ceiling[_spans(test_first[opening], test_count[opening])[0]] = -np.inf
                 if seam[opening].any():
                     break  # a hole below or behind the eye: all round it
-            if len(raising):
-                spans, owner = _spans(fill_first[raising], fill_count[raising])
-                np.maximum.at(bins, spans, np.minimum(reached[raising][owner], np.maximum(ceiling[spans], bins[spans])))
-                filled = until
-            band = by_near[start:stop]
-            spans, _ = _spans(test_first[band], test_count[band])
-            lowest = np.minimum.reduceat(bins[spans], np.cumsum(test_count[band]) - test_count[band])
-            visible[band] = (highest[band] >= lowest) | seam[band]
+            span = slice(fill_start[filled], fill_start[until])
+            at, values = fill_bins[span], fill_values[span]
+            if opened:
+                values = np.minimum(values, np.maximum(ceiling[at], bins[at]))
+            np.maximum.at(bins, at, values)
+            filled = until
+            first_bin = test_start[start]
+            lowest = np.minimum.reduceat(
+                bins[test_bins[first_bin : test_start[stop]]], test_start[start:stop] - first_bin
+            )  # fmt: skip
+            visible[start:stop] = (highest[start:stop] >= lowest) | seam_sorted[start:stop]
             start = stop
-        return np.flatnonzero(visible)
+        return np.sort(by_near[visible])
 
 
-def _spans(first: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], Ints]:
-    """All integers of the ranges [first, first + count) one behind the other, and the range each belongs to."""
+def _spans(
+    first: npt.NDArray[np.int64], count: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Ints]:
+    """All integers of the ranges [first, first + count) one behind the other, where each range starts among them
+    (n + 1), and the range each belongs to."""
     owner = np.repeat(np.arange(len(first), dtype=np.int32), count)
-    start = np.cumsum(count) - count
-    return np.arange(len(owner)) - start[owner] + first[owner], owner
+    start = np.zeros(len(first) + 1, np.int64)
+    np.cumsum(count, out=start[1:])
+    return np.arange(len(owner)) + (first - start[:-1])[owner], start, owner
 
 
 def _without_holes(holes: Bools, minima: list[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:

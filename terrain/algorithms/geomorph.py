@@ -280,20 +280,26 @@ class TileLevels:
         for index in range(len(self.tiers) - 1, -1, -1):
             lam, exists, window = levels[index], joined[index], windows[index]
             t = self.tiers[index].size_level
-            row, col = np.nonzero(exists & ~covered & masks[index][window])
-            if len(row):
+            here = np.flatnonzero(exists & ~covered & masks[index][window])
+            if len(here):
                 # What a neighbour of the same size offers at the shared edge: its lambda; t where it is part of a
                 # larger tile; -1 where there are smaller ones.
                 offer = np.where(covered, np.float32(t), np.where(exists, lam, np.float32(-1)))
                 offer = np.pad(offer, 1, mode="edge")
                 width, flat = offer.shape[1], offer.ravel()
+                row, col = np.divmod(here.astype(np.int32), np.int32(lam.shape[1]))
                 at = (row + 1) * width + (col + 1)
-                own = lam[row, col]
-                edge = np.stack([flat[at + step] for step in (-width, width, -1, 1)], axis=1)
-                edge = np.where(edge < 0, np.float32(t - 1), np.maximum(edge, own[:, None]))
-                level = np.floor(np.minimum(own, edge.min(axis=1))).astype(np.int32)
-                post = np.stack([col + window[1].start, row + window[0].start], axis=1) << t
-                parts.append(Tiles(post.astype(np.int32), np.full(len(row), t, np.int32), level, own, edge))
+                own = lam.ravel()[here]
+                edge = np.empty((4, len(here)), np.float32)
+                for side, step in zip(edge, (-width, width, -1, 1), strict=True):
+                    np.take(flat, at + step, out=side)
+                smaller = edge < 0
+                np.maximum(edge, own, out=edge)
+                edge[smaller] = t - 1
+                level = np.minimum(own, edge.min(axis=0)).astype(np.int32)  # both are positive: this is the floor
+                post = np.empty((len(here), 2), np.int32)
+                post[:, 0], post[:, 1] = (col + window[1].start) << t, (row + window[0].start) << t
+                parts.append(Tiles(post, np.full(len(here), t, np.int32), level, own, edge.T))
             if index:
                 inner = windows[index - 1]
                 gone = np.repeat(np.repeat(covered | exists, 2, axis=0), 2, axis=1)

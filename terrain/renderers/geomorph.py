@@ -19,7 +19,7 @@ from terrain.renderers.base import Boxes, setting
 from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
-SPLIT_RATIO = 16.0  # culling nodes are split while nearer than this many times their size
+SPLIT_RATIO = 10.0  # culling nodes are split while nearer than this many times their size
 BUDGET_GAIN = 0.6  # how much of the gap between cost and budget one frame closes (in powers)
 INSTANCE_DTYPE = np.dtype([("tile", np.int32, 4), ("lam", np.float32), ("edge_lam", np.float32, 4)])
 
@@ -118,9 +118,12 @@ class GeomorphRenderer:
         """One record per tile, tiles of one mesh side by side, the finest and nearest first."""
         mesh = tiles.size_level - tiles.level
         centre = tiles.post + (np.left_shift(1, tiles.size_level) / 2)[:, None]
-        offset = centre * self._scene.heightfield.spacing_m - frame.eye_m[[0, 2]]
-        distance = np.hypot(offset[:, 0], offset[:, 1])
-        order = np.argsort(distance - mesh * 1e9)
+        dx, dz = self._scene.heightfield.spacing_m
+        x, z = centre[:, 0] * dx - frame.eye_m[0], centre[:, 1] * dz - frame.eye_m[2]
+        # Sixteen bits are order enough, and are sorted many times faster: finest mesh first, then by log distance.
+        rank = len(self._counts) - 1 - mesh
+        nearness = np.clip(128.0 * np.log2(x * x + z * z + 1.0), 0, 8191).astype(np.uint16)
+        order = np.argsort((rank.astype(np.uint16) << 13) | nearness, kind="stable")
         records = np.empty(len(order), INSTANCE_DTYPE)
         records["tile"][:, :2] = tiles.post[order]
         records["tile"][:, 2] = tiles.size_level[order]
