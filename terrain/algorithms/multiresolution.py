@@ -1,6 +1,6 @@
 """The approximation tree: which geometry patches of a terrain to draw for a view.
 
-A patch is a quadtree node of 16 to 128 cells with meshes of guaranteed error. For a view the tree is descended while a
+A patch is a quadtree node of 8 to 128 cells with meshes of guaranteed error. For a view the tree is descended while a
 patch is near for its size; each patch then gets the coarsest rung of the error ladder whose visual error alpha stays
 within the tolerance at the point of its box nearest to the eye.
 
@@ -29,12 +29,12 @@ from terrain.frame import Frame
 from terrain.heightfield import Heightfield
 from terrain.pyramid import BASE_LEVEL
 
-FINEST_LEVEL = 4  # patches of 16 cells ...
+FINEST_LEVEL = 3  # patches of 8 cells ...
 COARSEST_LEVEL = 7  # ... to 128
 SPLIT_RATIO = 16.0  # a patch nearer than this many times its size is split: its far end is 9 % farther at most
 MICROSTRUCTURE_SHARE = 0.15  # the paper: "about 15 % of the reference grid cells exhibit morphologically complex parts"
 PREVIEW_STRIDE = 4
-CACHE_VERSION = 1
+CACHE_VERSION = 2
 
 Bools = npt.NDArray[np.bool_]
 

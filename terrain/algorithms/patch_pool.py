@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from terrain.algorithms.multiresolution import FINEST_LEVEL, ApproximationTree
 from terrain.algorithms.rtin import surface_weights
-from terrain.algorithms.rtin_mesh import Patches, extract_meshes, extract_walls, select_walls
+from terrain.algorithms.rtin_mesh import Patches, extract_meshes, extract_walls
 from terrain.algorithms.tin import greedy_tin
 
 POOL_LIMIT = 1 << 26  # post numbers kept, 256 MiB: beyond, all is dropped and the view extracted anew
@@ -52,7 +52,7 @@ class PatchPool:
         """Post numbers (3 m,) of the walls between the patches."""
         meshed = self.tree.meshed(patches)
         finest = FINEST_LEVEL - (self.tree.stride.bit_length() - 1)
-        return extract_walls(self.tree.rtin, meshed, select_walls(self.tree.rtin, meshed, finest)).ravel()
+        return extract_walls(self.tree.rtin, meshed, finest).ravel()
 
     def count_tins(self, patches: Patches) -> int:
         """How many of the patches are drawn as TINs."""

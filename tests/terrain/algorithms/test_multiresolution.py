@@ -57,7 +57,7 @@ def test_patches_keep_the_tolerance_and_never_overlap(rows, cols, yaw, pitch, x,
     lower, upper = culler.boxes(nodes)
     reach = np.linalg.norm(np.maximum(np.maximum(lower - frame.eye_m, frame.eye_m - upper), 0), axis=1)
     assert (nodes.distance_m <= reach + 1e-6).all()  # alpha is taken at the nearest point of the box, or nearer
-    ground = np.zeros([-(-n // 16) for n in (rows, cols)], int)
+    ground = np.zeros([-(-n // 8) for n in (rows, cols)], int)
     for level, row, col in zip(patches.level, patches.row, patches.col, strict=True):
         span = 1 << (level - FINEST_LEVEL)
         ground[row * span : (row + 1) * span, col * span : (col + 1) * span] += 1
@@ -85,9 +85,9 @@ def test_microstructures_are_where_the_ground_is_rough():
     heights = np.zeros((257, 257), np.float32)
     heights[64:96, 128:160] = np.random.default_rng(1).normal(0, 5, (32, 32))
     rtin = build_rtin(heights, (1.0, 1.0), 7)
-    expected = np.zeros((16, 16), bool)
-    expected[4:6, 8:10] = True
-    np.testing.assert_array_equal(find_microstructures(rtin, share=4 / 256)[0], expected)
+    expected = np.zeros((32, 32), bool)
+    expected[8:12, 16:20] = True
+    np.testing.assert_array_equal(find_microstructures(rtin, share=16 / 1024)[0], expected)
     assert not any(flags.any() for flags in find_microstructures(build_rtin(heights * 0, (1.0, 1.0), 7)))
 
 

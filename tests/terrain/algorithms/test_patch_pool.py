@@ -28,7 +28,7 @@ def whole(tree: ApproximationTree, level: int, rung: int) -> Patches:
 
 def test_patches_come_in_their_order_and_repeat():
     tree = tree_of(129, 129)
-    pool, patches = PatchPool(tree), whole(tree, 4, 9)
+    pool, patches = PatchPool(tree), whole(tree, 4, 36)
     patches = patches.take(np.random.default_rng(0).permutation(len(patches.level)))
     expected = extract_meshes(tree.rtin, patches).triangles.ravel()
     np.testing.assert_array_equal(pool.gather(patches), expected)
@@ -41,7 +41,7 @@ def test_patches_come_in_their_order_and_repeat():
 
 def test_only_new_patches_are_extracted_and_nothing_gives_nothing():
     tree = tree_of(129, 129)
-    pool, patches = PatchPool(tree), whole(tree, 5, 9)
+    pool, patches = PatchPool(tree), whole(tree, 5, 36)
     pool.gather(patches.take(np.arange(10)))
     pool.gather(patches)
     assert pool.extracted == len(patches.level) - 10
@@ -53,7 +53,7 @@ def test_only_new_patches_are_extracted_and_nothing_gives_nothing():
 def test_full_pool_starts_anew_and_still_hands_out_the_view():
     tree = tree_of(129, 129)
     pool = PatchPool(tree, limit=1000)
-    for rung in (2, 6, 10):
+    for rung in (8, 24, 40):
         patches = whole(tree, 4, rung)
         np.testing.assert_array_equal(pool.gather(patches), extract_meshes(tree.rtin, patches).triangles.ravel())
     assert pool.resident_bytes < 3_000_000
@@ -66,10 +66,10 @@ def edges_of(posts: np.ndarray) -> set[tuple[int, int]]:
     return set(map(tuple, edges.tolist()))
 
 
-@pytest.mark.parametrize("rung", [11, 15])
+@pytest.mark.parametrize("rung", [44, 60])
 def test_tins_save_triangles_and_fit_their_neighbours(rung):
     tree = tree_of(65, 65, share=0.5)
-    pool, patches = PatchPool(tree), whole(tree, FINEST_LEVEL, rung)
+    pool, patches = PatchPool(tree), whole(tree, 4, rung)
     before = len(pool.gather(patches))
     assert 0 < (tried := pool.refine(patches, 1000)) <= 0.5 * len(patches.level)
     assert pool.refine(patches, 1000) == 0
@@ -85,7 +85,7 @@ def test_tins_save_triangles_and_fit_their_neighbours(rung):
 
 def test_patches_over_the_edge_stay_grids():
     tree = tree_of(50, 40)
-    pool, patches = PatchPool(tree), whole(tree, FINEST_LEVEL, 12)
+    pool, patches = PatchPool(tree), whole(tree, 4, 48)
     pool.refine(patches, 1000)
     inside = ((patches.row + 1) * 16 < 50) & ((patches.col + 1) * 16 < 40)
     assert pool.count_tins(patches.take(~inside)) == 0
@@ -98,6 +98,6 @@ def test_preview_meshes_lie_on_every_fourth_post():
     posts = pool.gather(patches)
     assert posts.max() < tree.rtin.drop_rung.size
     assert pool.refine(patches, 10) == 0
-    mixed = patches._replace(rung=(patches.row % 2).astype(np.int32) * 8)
+    mixed = patches._replace(rung=(patches.row % 2).astype(np.int32) * 60)
     assert len(pool.walls(mixed)) > 0
     assert len(pool.walls(patches)) == 0
