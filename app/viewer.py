@@ -18,8 +18,7 @@ from terrain.errors import InputError
 from terrain.gpu.context import Gpu, explain_missing_gl
 from terrain.heightfield import Heightfield
 
-STILL_WAIT_S = 0.1  # while nothing changes: long enough to sleep, short enough for tooltips
-HIDDEN_WAIT_S = 0.5
+AWAKE_S, AWAKE_WAIT_S, ASLEEP_WAIT_S = 1.5, 0.05, 1.0
 
 
 class WindowError(InputError):
@@ -61,6 +60,7 @@ class Window:
         self._window.exit_key = self._window.fullscreen_key = None
         self.gpu = Gpu(self._window.ctx)
         self._gui = gui.Gui(self._window._window)
+        self._awake_until_s = 0.0
 
     def __enter__(self) -> Window:
         return self
@@ -84,16 +84,10 @@ class Window:
             session.close()
 
     def _loop(self, session: Any) -> None:
-        glfw, gui, handle, ctx = self._glfw, self._gui_module, self._window._window, self.gpu.ctx
+        glfw, gui, handle, screen = self._glfw, self._gui_module, self._window._window, self.gpu.ctx.screen
         last_s, was_focused = time.perf_counter(), False
         while not (self._window.is_closing or session.is_leaving):
-            hidden = glfw.get_window_attrib(handle, glfw.ICONIFIED) or 0 in glfw.get_framebuffer_size(handle)
-            if hidden:
-                glfw.wait_events_timeout(HIDDEN_WAIT_S)
-            elif session.is_still:
-                glfw.wait_events_timeout(STILL_WAIT_S)
-            else:
-                glfw.poll_events()
+            self._take_events(session)
             now_s = time.perf_counter()
             focused = bool(glfw.get_window_attrib(handle, glfw.FOCUSED))
             lost_focus, was_focused = was_focused and not focused, focused
@@ -102,19 +96,37 @@ class Window:
             gui.press_keys(session)
             session.advance(gui.read_inputs(focused=not lost_focus), now_s - last_s)
             last_s = now_s
-            if not hidden:
+            if not self._is_hidden:
                 gui.show_picture(session)
             self._panel.draw(session)
             self.gpu.release_state()
-            ctx.screen.use()
-            ctx.screen.clear(viewport=(0, 0, *glfw.get_framebuffer_size(handle)))
+            screen.use()
+            screen.clear(viewport=(0, 0, *glfw.get_framebuffer_size(handle)))
             self._gui.end()
             glfw.swap_buffers(handle)
+
+    def _take_events(self, session: Any) -> None:
+        """Take in what happened; sleep while nothing changes, lightly for a while after an event (tooltips)."""
+        if not (self._is_hidden or session.is_still):
+            self._glfw.poll_events()
+            return
+        begin_s = time.perf_counter()
+        wait_s = AWAKE_WAIT_S if begin_s < self._awake_until_s and not self._is_hidden else ASLEEP_WAIT_S
+        self._glfw.wait_events_timeout(wait_s)
+        end_s = time.perf_counter()
+        if end_s - begin_s < 0.9 * wait_s:
+            self._awake_until_s = end_s + AWAKE_S
+
+    @property
+    def _is_hidden(self) -> bool:
+        """Whether the window is minimised or has no area."""
+        glfw, handle = self._glfw, self._window._window
+        return bool(glfw.get_window_attrib(handle, glfw.ICONIFIED)) or 0 in glfw.get_framebuffer_size(handle)
 
 
 def explain_no_window(reasons: str) -> str:
     """One line for a window that could not be opened: no display, or what `explain_missing_gl` says."""
-    reasons = re.sub(r"\(\d+\) |b?['\"]", "", reasons)  # GLFW's error numbers, Python's quotes
+    reasons = re.sub(r"\(\d+\) |\bb['\"]|['\"]", "", reasons)  # GLFW's error numbers, Python's quotes
     lowered = reasons.lower()
     if "display" in lowered or "wayland" in lowered or "failed to initialize glfw" in lowered:
         return f"There is no display for a window ({reasons})."

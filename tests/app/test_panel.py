@@ -397,3 +397,21 @@ def test_figures_show_what_was_measured_and_nothing_else(session):
     shown = dict(figures(session))
     assert shown["GPU"] == "1.25 ms"
     assert "slices" not in shown
+
+
+def test_picture_has_the_resolution_of_the_framebuffer(ui):
+    show_picture_at(ui, (100.0, 60.0), 2.0)
+    assert ui.session.picture.size_px == (200, 120)
+
+
+def test_a_window_without_area_keeps_the_last_picture(ui):
+    show_picture_at(ui, (100.0, 60.0), 1.0)
+    show_picture_at(ui, (0.0, 0.0), 1.0)
+    assert ui.session.picture.size_px == (100, 60)
+
+
+def show_picture_at(ui, display_size, scale):
+    """One frame with the scene behind the panel, in a window of this size."""
+    io = imgui.get_io()
+    io.display_size, io.display_framebuffer_scale = display_size, (scale, scale)
+    ui.frame(gui.show_picture)

@@ -38,13 +38,13 @@ class UiHarness:
         options.config_log_to_tty = False
         engine.start(self._engine, imgui.get_current_context())
 
-    def frame(self):
-        """One frame, as in ``app.viewer``."""
+    def frame(self, draw=lambda session: session.draw((64, 36))):
+        """One frame, as in ``app.viewer``; ``draw`` brings the picture up to date."""
         imgui.new_frame()
         try:
             gui.press_keys(self.session)
             self.session.advance(gui.read_inputs(self.focused), FRAME_S)
-            self.session.draw((64, 36))
+            draw(self.session)
             self.panel.draw(self.session)
         finally:
             _end_frame()
