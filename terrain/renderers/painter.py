@@ -60,10 +60,9 @@ class PainterSettings(base.Settings):
         choices=("procedural", "cells", "indexed", "shuffled"),
     )  # fmt: skip
     depth: int = setting(
-        5, "Quadtree depth", "Tiles are the nodes this far below the root.", range=(0, MAX_DEPTH), rebuild=True
+        6, "Quadtree depth", "Tiles are the nodes this far below the root.", range=(0, MAX_DEPTH), rebuild=True
     )
     levels: bool = setting(True, "Level of detail", "Draw far tiles coarser, within the tolerance.")
-    write_depth: bool = setting(True, "Write depth", "Let boxes, flight paths and the like be hidden by the ground.")
     horizon: bool = setting(True, "Horizon culling", "Drop tiles hidden behind nearer ground.")
     painted: float = setting(
         100.0, "Painted", "Share of the picture's triangles that are drawn: watch the painter paint.", unit="%",
@@ -119,7 +118,13 @@ class OrderBuffer:
 
 
 class PainterRenderer:
-    """The whole surface, or its levels of detail, in back-to-front order."""
+    """The whole surface, or its levels of detail, in back-to-front order.
+
+    Attributes
+    ----------
+    writes_depth : bool
+        Depth is written although nothing tests it: sky, boxes and flight paths do. False only to measure what it costs.
+    """
 
     name = "painter"
     title = "Painter's ordering"
@@ -131,6 +136,7 @@ class PainterRenderer:
         self.settings: Any = settings
         self.stats = FrameStats()
         self._gpu, self._scene = gpu, scene
+        self.writes_depth = True
         cells = scene.pyramid.cells
         # A tile keeps 2 x 2 cells, so that it can be stitched.
         self._tile_level = max((max(cells) - 1).bit_length() - settings.depth, 1)
@@ -238,7 +244,7 @@ class PainterRenderer:
         self._orders.use(UNITS["u_extra0"])
         # Lines keep their picture's depth test; and so does a frozen order, which can then be watched from anywhere.
         is_painted = settings.mode != "z-buffer" and frame.output != "flat" and self._foot == self._foot_of(frame)
-        if is_painted and settings.write_depth:
+        if is_painted and self.writes_depth:
             ctx.depth_func = "1"  # always: the last write is the nearest
         elif is_painted:
             ctx.disable(moderngl.DEPTH_TEST)  # which stops depth writes too

@@ -158,11 +158,14 @@ def test_depth_is_that_of_the_depth_buffer_or_is_not_written(stage_of):
     stage = stage_of(terrain, levels=False)
     camera = Camera((300.0, 160.0, 800.0), 10.0, -15.0, 0.0, 60.0)
     target, depth = stage.target(SIZE), {}
-    for name, chosen in {
-        "painted": {}, "tested": {"mode": "z-buffer"}, "unwritten": {"write_depth": False}
-    }.items():  # fmt: skip
-        stage.set_renderer("painter", PainterSettings(levels=False, **chosen))
-        stage.draw(stage.frame(camera, SIZE), target)
+    for name, mode, writes in (
+        ("painted", "correct", True),
+        ("tested", "z-buffer", True),
+        ("unwritten", "correct", False),
+    ):
+        stage.set_renderer("painter", PainterSettings(levels=False, mode=mode))
+        stage.renderer.writes_depth = writes
+        stage.draw_output(stage.frame(camera, SIZE), target)
         depth[name] = target.read_depth().copy()
     # The last bits depend on which corner of a triangle comes first.
     assert np.allclose(depth["painted"], depth["tested"], rtol=1e-4, atol=0.0)
