@@ -261,7 +261,7 @@ class TileLevels:
             if levels[-1].size:
                 least[inside[0], inside[1]] = _join(levels[-1], np.minimum)
                 within[inside[0], inside[1]] = True
-            around = np.pad(least, 1, mode="edge")
+            around = np.pad(least, 1, constant_values=full)  # what lies outside limits nothing
             limit = np.minimum(
                 np.minimum(around[:-2, 1:-1], around[2:, 1:-1]), np.minimum(around[1:-1, :-2], around[1:-1, 2:])
             )

@@ -291,3 +291,11 @@ def test_any_size_of_grid_can_be_drawn(shape, cells) -> None:
     tiles = select(scene, Camera((centre[0], 4000.0, centre[1]), 0.0, -90.0, fov_deg=90.0), cells, 0.5)
     assert len(tiles.lam)
     assert_watertight(scene, tiles)
+
+
+def test_a_view_without_any_small_tile_is_drawn_by_large_ones() -> None:
+    """High above gentle ground every window of smaller tiles is empty."""
+    scene = fractal_scene(600, 700, 2, amplitude_m=1.0)
+    tiles = select(scene, Camera((9000.0, 60000.0, 7000.0), 0.0, -90.0, fov_deg=20.0), 8)
+    assert tiles.size_level.min() > 5
+    assert_watertight(scene, tiles)
