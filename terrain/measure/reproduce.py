@@ -105,9 +105,7 @@ def reproduce(algorithm: str, gpu: Gpu, folder: Path, progress: Progress) -> tup
     return found, write_reproduction(folder, algorithm, machine_identity(gpu), found)
 
 
-def write_reproduction(
-    folder: Path, algorithm: str, machine: Mapping[str, Any], found: Reproduction
-) -> list[Path]:  # fmt: skip
+def write_reproduction(folder: Path, algorithm: str, machine: Mapping[str, Any], found: Reproduction) -> list[Path]:
     """Write ``reproduction.json``, a CSV per table and a PNG and SVG per plot; returns their paths."""
     record = {
         "format": FORMAT,
