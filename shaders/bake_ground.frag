@@ -3,21 +3,35 @@
 // (Doellner's topographic texture); alpha 0 marks posts without data.
 #include "lib/frame.glsl"
 #include "lib/surface.glsl"
+#include "lib/light.glsl"
 
-uniform sampler2D u_palette;      // elevation tints, lowest to highest, one row
+uniform sampler2D u_palette;      // tints from lowest to highest; row 0 gentle, row 1 steep ground
+#ifdef HOLES
 uniform sampler2D u_source;       // R8: 1 where the post holds data
-uniform vec4 u_tint_range;        // x: lowest, y: 1 / (highest - lowest) [m]
+#endif
+uniform vec4 u_tint_range;        // x: lowest [m], y: 1 / height span of the palette [1/m]
 out vec4 out_colour;
 
 void main() {
     ivec2 post = ivec2(gl_FragCoord.xy);
     float height_m = post_height(post);
-    vec2 slope = vec2(post_height(post + ivec2(1, 0)) - post_height(post - ivec2(1, 0)),
-                      post_height(post + ivec2(0, 1)) - post_height(post - ivec2(0, 1))) / (2.0 * u_grid.zw);
-    vec3 normal = normalize(vec3(-slope.x, 1.0, -slope.y));
-    float sun = max(dot(normal, u_sun.xyz), 0.0) * u_sun.w;
-    float sky = 0.5 + 0.5 * normal.y;
-    vec3 tint = texture(u_palette, vec2((height_m - u_tint_range.x) * u_tint_range.y, 0.5)).rgb;
-    vec3 light = sun * vec3(1.0, 0.95, 0.86) * 0.95 + sky * vec3(0.42, 0.5, 0.62) * 0.7;
-    out_colour = vec4(tint * light, texelFetch(u_source, post, 0).r);
+    float east_m = post_height(post + ivec2(1, 0)), west_m = post_height(post - ivec2(1, 0));
+    float south_m = post_height(post + ivec2(0, 1)), north_m = post_height(post - ivec2(0, 1));
+    vec2 slope = vec2(east_m - west_m, south_m - north_m) / (2.0 * u_grid.zw);
+    vec3 normal = ground_normal(slope);
+
+    // Crests stand out drier and stonier, hollows hold what grows and what falls; true slope, not the exaggerated one.
+    float bend = (0.25 * (east_m + west_m + south_m + north_m) - height_m) / (u_grid.z * u_contour.w);
+    float steep = length(slope) / u_contour.w;
+    float rocky = smoothstep(0.55, 1.0, steep - 2.0 * bend);
+    float tint = (height_m - u_tint_range.x) * u_tint_range.y + clamp(-0.35 * bend, -0.05, 0.05);
+    vec3 albedo = mix(texture(u_palette, vec2(tint, 0.25)).rgb, texture(u_palette, vec2(tint, 0.75)).rgb, rocky);
+
+    vec2 ground = gl_FragCoord.xy / u_grid.xy;
+    vec3 colour = display_colour(albedo * albedo * ground_light(normal, ground));
+#ifdef HOLES
+    out_colour = vec4(colour, texelFetch(u_source, post, 0).r);
+#else
+    out_colour = vec4(colour, 1.0);
+#endif
 }

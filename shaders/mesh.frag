@@ -1,11 +1,15 @@
 #version 330 core
 // The fragment stage of every renderer that draws triangles.
+#define RASTERISED  // triangles, whose corners the hardware rounds to a fraction of a pixel
 #include "lib/frame.glsl"
 #include "lib/output.glsl"
 
 in vec2 v_ground;
-#ifdef NEEDS_POSITION
+#if defined(POSITION_VARYING)
 in vec3 v_position_m;
+#elif defined(POSITION_FROM_DEPTH)
+// 1 / gl_FragCoord.w is the view depth, and the sight ray is as long as view depth 1
+#define v_position_m (sight_ray(gl_FragCoord.xy * u_viewport.zw) / gl_FragCoord.w)
 #else
 const vec3 v_position_m = vec3(0.0);
 #endif
@@ -18,7 +22,10 @@ const float v_level = 0.0;
 void main() {
     write_surface(v_position_m, v_ground, v_level);
 #ifdef LOG_DEPTH
-    // gl_FragCoord.w is 1 / clip w: the view depth
-    gl_FragDepth = 1.0 - log2(max(1.0 / gl_FragCoord.w, u_eye_height.z) / u_eye_height.z) / log2(1e8 / u_eye_height.z);
+#ifdef OUTPUT_FLAT
+    gl_FragDepth = depth_at(0.998 / gl_FragCoord.w);  // polygon offset does not reach a depth that is written
+#else
+    gl_FragDepth = depth_at(1.0 / gl_FragCoord.w);
+#endif
 #endif
 }

@@ -1,32 +1,46 @@
 """The stage: one terrain on one GPU, the renderer that is on, and everything all renderers share.
 
-It owns the terrain's textures, the frame's uniform block, the sky and the render targets, calls the renderer, and reads
-pictures, positions and counts back. Nothing here knows an algorithm by name.
+It owns the terrain's textures, the frame's uniform block, sky, water and the render targets, calls the renderer, and
+reads pictures, positions and counts back. Nothing here knows an algorithm by name.
 """
 
 from __future__ import annotations
 
+import math
 import time
+from contextlib import nullcontext
 from dataclasses import fields, replace
 from typing import Any
 
+import moderngl
 import numpy as np
 import numpy.typing as npt
 
 from terrain.camera import Camera
 from terrain.frame import Frame, FrameStats, Output
 from terrain.gpu.context import Gpu
-from terrain.gpu.frame_block import FrameBlock, Look
+from terrain.gpu.frame_block import FrameBlock
 from terrain.gpu.geometry import Geometry
-from terrain.gpu.targets import Target, create_target
+from terrain.gpu.lines import Lines, blending
+from terrain.gpu.targets import Kind, Target, create_target
+from terrain.gpu.timer import GpuTimer
 from terrain.renderers import RENDERERS
 from terrain.renderers.base import Renderer
 from terrain.scene import Scene
-from terrain.textures.ground import Ground, palette_texture
+from terrain.textures.drape import DrapeImage
+from terrain.textures.ground import Ground
+from terrain.textures.look import LookSettings, look_uniforms, shading_defines
+from terrain.views import Overlays, View, overdraw_figures
+
+# Views of what a fragment writes; all others draw over the shaded picture.
+_OUTPUTS: dict[View, Output] = {"levels": "levels", "normals": "normals", "overdraw": "overdraw"}
+_BACKDROP = (0.09, 0.10, 0.12, 1.0)  # behind the terrain where there is no sky
 
 
 class Stage:
     """One scene, drawn by one renderer at a time.
+
+    Several stages may share a GPU: each brings its own switches and textures when it draws.
 
     Parameters
     ----------
@@ -34,56 +48,114 @@ class Stage:
     scene : Scene
     algorithm : str
         A key of `terrain.renderers.RENDERERS`.
+    settings : Settings or None
+        The algorithm's own; None takes its defaults.
+    look : LookSettings
+
+    Attributes
+    ----------
+    scene : Scene
+    renderer : Renderer
+    look : LookSettings
+    frozen : Frame or None
+        The frame for which what is drawn was chosen, while the selection is frozen.
     """
 
-    def __init__(self, gpu: Gpu, scene: Scene, algorithm: str = "reference") -> None:
-        self.gpu, self.scene = gpu, scene
-        gpu.programs.defines.pop("HOLES", None)
-        if scene.heightfield.holes is not None:
-            gpu.programs.defines["HOLES"] = 1
-        self.look = Look(sun=(-0.55, 0.6, -0.58, 1.0))
-        self.block = FrameBlock(gpu)
-        self.ground = Ground(gpu, scene.heightfield)
-        self._palette = palette_texture(
-            gpu, np.array([[70, 100, 50], [140, 130, 90], [150, 140, 130], [250, 250, 255]], np.uint8)
-        )
+    def __init__(
+        self, gpu: Gpu, scene: Scene, algorithm: str = "geomorph", settings: Any = None,
+        look: LookSettings = LookSettings(),  # noqa: B008 (frozen)
+    ) -> None:  # fmt: skip
+        self.gpu, self.scene, self.look = gpu, scene, look
+        self.frozen: Frame | None = None
+        self._drape: DrapeImage | None = None
+        self._baked: tuple[Any, ...] | None = None
+        self._uniforms = look_uniforms(look, scene.heightfield, None)
+        self._block = FrameBlock(gpu)
+        self._ground = Ground(gpu, scene.heightfield)
+        self._overlays = Overlays(gpu)
         self._sky = Geometry(gpu, "fullscreen", "sky")
+        self._water = Geometry(gpu, "fullscreen", "water")
         self._targets: dict[str, Target] = {}
-        self.ground.bake(self._palette, self.look, self.block)
-        self.renderer: Renderer = self._make(algorithm, None)
+        self._timer = None if gpu.is_software else GpuTimer(gpu.ctx)
+        self._activate()
+        self.renderer: Renderer = self._make(algorithm if algorithm in RENDERERS else "reference", settings)
+
+    @property
+    def lines(self) -> Lines:
+        """For lines of one's own over a picture just drawn into the bound target."""
+        return self._overlays.lines
 
     def _make(self, algorithm: str, settings: Any) -> Renderer:
         kind = RENDERERS[algorithm]
         return kind(self.gpu, self.scene, kind.Settings() if settings is None else settings)
 
+    def _activate(self) -> None:
+        """Make this stage's compile-time switches the GPU's: another stage may have drawn before."""
+        programs = self.gpu.programs
+        programs.defines.pop("HOLES", None)
+        if self.scene.heightfield.holes is not None:
+            programs.defines["HOLES"] = 1
+        programs.shading_defines = shading_defines(self.look, self._drape)
+
     def set_renderer(self, algorithm: str, settings: Any = None) -> None:
-        """Switch to an algorithm, or give the current one other settings; it is rebuilt only where it must be."""
+        """Switch to an algorithm, or give the current one other settings; it is rebuilt only where it must be.
+
+        If the new renderer cannot be made, the old one stays.
+        """
         current = self.renderer
         if algorithm == current.name and settings is not None:
             changed = {
                 f.name for f in fields(settings) if getattr(settings, f.name) != getattr(current.settings, f.name)
             }
-            rebuild = any(f.name in changed and f.metadata.get("rebuild") for f in fields(settings))
-            if not rebuild:
+            if not any(f.name in changed and f.metadata.get("rebuild") for f in fields(settings)):
                 current.settings = settings
+                self._reselect()
                 return
-        current.release()
+        self._activate()
         self.renderer = self._make(algorithm, settings)
+        current.release()
+        self._reselect()
 
-    def frame(self, camera: Camera, viewport_px: tuple[int, int], time_s: float = 0.0) -> Frame:
+    def set_look(self, look: LookSettings) -> None:
+        """Change the look; what must be baked again is baked with the next frame."""
+        self.look = look
+        self._uniforms = look_uniforms(look, self.scene.heightfield, self._drape)
+
+    def set_drape(self, image: DrapeImage | None) -> None:
+        """Drape an image over the terrain, or take it away."""
+        self._ground.set_drape(image)
+        self._drape = image
+        self._baked = None
+        self.set_look(self.look)
+
+    def freeze(self, frame: Frame) -> None:
+        """Keep what is chosen for ``frame`` until `thaw`, wherever one flies; its frustum is drawn."""
+        self.frozen = frame
+        self._reselect()
+
+    def thaw(self) -> None:
+        """Choose anew for every frame again."""
+        self.frozen = None
+
+    def _reselect(self) -> None:
+        if self.frozen is not None:
+            self.renderer.select(self.frozen)
+
+    def frame(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> Frame:
         """The frame of a camera over this terrain, with a near plane below the eye's clearance."""
-        return Frame(camera, viewport_px, self._near_m(camera), "shaded", time_s, self.gpu.reversed_z)
+        return Frame(camera, size_px, self._near_m(camera), "shaded", time_s, self.gpu.reversed_z)
 
     def _near_m(self, camera: Camera) -> float:
+        """A small distance: float depth is as precise with a tiny near plane, and none must cut the ground."""
         terrain = self.scene.heightfield
+        spacing_m = min(terrain.spacing_m)
         x, y, z = camera.position_m
-        smallest = 0.01 * min(terrain.spacing_m)
-        clearance = float(y - terrain.heights_at(x, z))
-        if not np.isfinite(clearance):
-            clearance = max(terrain.spacing_m)
-        return max(0.1 * abs(clearance), smallest)
+        clearance_m = abs(float(y - terrain.heights_at(x, z)))
+        if not math.isfinite(clearance_m):
+            clearance_m = spacing_m
+        return max(min(0.1 * clearance_m, 0.01 * spacing_m), 1e-4 * spacing_m)
 
-    def target(self, size_px: tuple[int, int], kind: Any = "colour") -> Target:
+    def target(self, size_px: tuple[int, int], kind: Kind = "colour") -> Target:
         """The stage's own target of a kind, made again when the size changes."""
         target = self._targets.get(kind)
         if target is None or target.size_px != size_px:
@@ -92,40 +164,124 @@ class Stage:
             self._targets[kind] = target = create_target(self.gpu, size_px, kind)
         return target
 
-    def draw(self, frame: Frame, target: Target, select: bool = True) -> FrameStats:
-        """Draw the terrain and the sky into ``target``."""
-        gpu = self.gpu
-        gpu.prepare_state()
-        self.ground.bind()
-        stats = self.renderer.stats
-        if select:
-            begin = time.perf_counter()
-            self.renderer.select(frame)
-            stats.select_ms = (time.perf_counter() - begin) * 1e3
-        self.block.write(frame, self.scene.heightfield, self.look)
-        target.framebuffer.use()
-        target.framebuffer.clear(depth=0.0)
+    def draw(self, frame: Frame, target: Target, view: View = "shaded") -> FrameStats:
+        """Choose and draw one frame into ``target``: terrain, sky, water and what the view adds.
+
+        Returns
+        -------
+        FrameStats
+            The renderer's, with ``select_ms`` and ``submit_ms`` of this frame and, on hardware, ``gpu_ms`` of a frame
+            shortly before.
+        """
+        stats = self._prepare(frame)
         begin = time.perf_counter()
-        self.renderer.draw(frame)
-        if frame.output == "shaded":
-            gpu.ctx.depth_func = ">="
-            self._sky.render("shaded", vertices=3)
-            gpu.ctx.depth_func = ">"
+        with self._timer.measure() if self._timer is not None else nullcontext():
+            self._draw_view(frame, target, view)
         stats.submit_ms = (time.perf_counter() - begin) * 1e3
+        stats.gpu_ms = self._timer.oldest_ms() if self._timer is not None else None
         return stats
 
-    def render(self, camera: Camera, size_px: tuple[int, int], output: Output = "shaded") -> npt.NDArray[Any]:
-        """A picture: (height, width, 4) uint8, or float32 positions for ``output="position"``."""
-        frame = replace(self.frame(camera, size_px), output=output)
-        target = self.target(size_px, "position" if output == "position" else "colour")
-        self.draw(frame, target)
-        return target.read()
+    def draw_output(self, frame: Frame, target: Target) -> FrameStats:
+        """Choose and draw only the surface, writing ``frame.output``: for measurements."""
+        stats = self._prepare(frame)
+        self._draw_surface(frame, target)
+        return stats
+
+    def _prepare(self, frame: Frame) -> FrameStats:
+        """Everything before the first draw call of a frame: switches, state, bakes, selection, uniforms."""
+        self._activate()
+        self.gpu.prepare_state()
+        key = (self.look.palette, self.look.sun_azimuth_deg, self.look.sun_elevation_deg)
+        if key != self._baked:
+            self._ground.bake(self.look.palette, self._uniforms, self._block)
+            self._baked = key
+        if self.frozen is None:
+            begin = time.perf_counter()
+            self.renderer.select(frame)
+            self.renderer.stats.select_ms = (time.perf_counter() - begin) * 1e3
+        self._ground.bind()
+        self._block.write(frame, self.scene.heightfield, self._uniforms)
+        return self.renderer.stats
+
+    def _draw_surface(self, frame: Frame, target: Target) -> None:
+        target.framebuffer.use()
+        is_picture = frame.output in ("shaded", "levels", "normals")
+        target.framebuffer.clear(*(_BACKDROP if is_picture else (0.0, 0.0, 0.0, 0.0)), depth=0.0)
+        if frame.output == "overdraw":
+            self.gpu.ctx.enable(moderngl.BLEND)
+            self.gpu.ctx.blend_func = moderngl.ONE, moderngl.ONE
+        self.renderer.draw(frame)
+        self.gpu.ctx.disable(moderngl.BLEND)
+
+    def _draw_view(self, frame: Frame, target: Target, view: View) -> None:
+        output = _OUTPUTS.get(view, "shaded")
+        if output == "overdraw":
+            counts = self.target(frame.viewport_px, "count")
+            self._draw_surface(replace(frame, output="overdraw"), counts)
+            target.framebuffer.use()
+            target.framebuffer.clear(depth=0.0)
+            self._overlays.draw_overdraw(counts)
+        else:
+            self._draw_surface(replace(frame, output=output), target)
+        if output == "shaded":
+            self._draw_surroundings()
+        if view == "wireframe":
+            self._draw_wireframe(frame)
+        elif view == "boxes":
+            self._overlays.draw_boxes(frame, self.renderer.boxes())
+        if self.frozen is not None:
+            far_m = 0.6 * math.hypot(*self.scene.heightfield.extent_m)
+            self._overlays.draw_frustum(frame, self.frozen, far_m)
+
+    def _draw_surroundings(self) -> None:
+        """Sky where nothing was drawn, then water over both."""
+        ctx = self.gpu.ctx
+        ctx.depth_func = ">="
+        self._sky.render("shaded", vertices=3)
+        ctx.depth_func = ">"
+        if self.look.water:
+            ctx.enable(moderngl.BLEND)
+            ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+            self._water.render("shaded", vertices=3)
+            ctx.disable(moderngl.BLEND)
+
+    def _draw_wireframe(self, frame: Frame) -> None:
+        """The renderer's triangles once more, as lines a little nearer than they are."""
+        ctx = self.gpu.ctx
+        with blending(self.gpu):
+            ctx.wireframe = True
+            ctx.polygon_offset = 1.0, 1.0
+            self.renderer.draw(replace(frame, output="flat"))
+            ctx.polygon_offset = 0.0, 0.0
+
+    def render(
+        self, camera: Camera, size_px: tuple[int, int], view: View = "shaded", time_s: float = 0.0
+    ) -> npt.NDArray[np.uint8]:
+        """A picture (height, width, 3) uint8, sRGB, row 0 at the top."""
+        target = self.target(size_px)
+        self.draw(self.frame(camera, size_px, time_s), target, view)
+        return np.ascontiguousarray(target.read()[..., :3])
+
+    def positions(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> npt.NDArray[np.float64]:
+        """World positions (height, width, 3) float64 at pixel centres, row 0 at the top; NaN where there is sky."""
+        target = self.target(size_px, "position")
+        frame = replace(self.frame(camera, size_px, time_s), output="position")
+        self.draw_output(frame, target)
+        data = target.read()
+        world = data[..., :3] + frame.eye_m
+        world[data[..., 3] < 0.5] = np.nan
+        return world
+
+    def overdraw(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> tuple[float, float]:
+        """Mean and maximum number of times a covered pixel is drawn."""
+        target = self.target(size_px, "count")
+        self.draw_output(replace(self.frame(camera, size_px, time_s), output="overdraw"), target)
+        return overdraw_figures(target.read()[..., 0])
 
     def release(self) -> None:
+        """Release everything the stage made on the GPU."""
         self.renderer.release()
         for target in self._targets.values():
             target.release()
-        self._sky.release()
-        self._palette.release()
-        self.ground.release()
-        self.block.release()
+        for part in (self._overlays, self._sky, self._water, self._ground, self._block):
+            part.release()

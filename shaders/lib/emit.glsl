@@ -2,7 +2,7 @@
 #include "lib/needs.glsl"
 
 out vec2 v_ground;  // texture coordinate of the ground textures
-#ifdef NEEDS_POSITION
+#ifdef POSITION_VARYING
 out vec3 v_position_m;  // relative to the eye
 #endif
 #ifdef OUTPUT_LEVELS
@@ -12,8 +12,11 @@ out float v_level;
 // position_m: relative to the eye; post: fractional (col, row); level: level of detail, 0 the finest.
 void emit_surface(vec3 position_m, vec2 post, float level) {
     gl_Position = u_clip_from_eye * vec4(position_m, 1.0);
+#if defined(OUTPUT_FLAT) && !defined(LOG_DEPTH)
+    gl_Position.z *= 1.0005;  // lines lie on the triangles they bound: half a per mille of the distance nearer
+#endif
     v_ground = (post + 0.5) / u_grid.xy;
-#ifdef NEEDS_POSITION
+#ifdef POSITION_VARYING
     v_position_m = position_m;
 #endif
 #ifdef OUTPUT_LEVELS

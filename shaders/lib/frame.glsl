@@ -6,13 +6,16 @@ layout(std140) uniform Frame {
     vec4 u_grid;           // xy: cols, rows; zw: post spacing dx, dz [m]
     vec4 u_viewport;       // xy: size [px]; zw: 1 / size
     vec4 u_ray[3];         // sight ray through the lower left corner, then its change across and up the picture
-    vec4 u_sun;            // xyz: unit vector to the sun; w: sunlight switched on (0 or 1)
-    vec4 u_fog;            // x: density [1/m] at height y [m]; z: falloff with height [1/m]; w: unused
-    vec4 u_fog_colour;
-    vec4 u_zenith;         // sky colours
+    vec4 u_sun;            // xyz: unit vector to the sun
+    vec4 u_sunlight;       // rgb: light of the sun on a surface that faces it, linear
+    vec4 u_sky_light;      // rgb: light of the whole sky, linear
+    vec4 u_fog;            // x: density [1/m] at height y [m]; z: falloff with height [1/m]; w: density at the eye [1/m]
+    vec4 u_fog_colour;     // haze below the horizon, display colours like the next two
+    vec4 u_zenith;
     vec4 u_horizon;
     vec4 u_contour;        // x: interval [m]; y: every n-th is bold; z: line width [px]; w: exaggeration of heights
-    vec4 u_drape[2];       // rows of the affine map from posts to the draped image's texture coordinates
+    vec4 u_water;          // x: level [m]; y: depth [m] at which water turns opaque
+    vec4 u_image_from_post[2];  // rows of the affine map from posts to the draped image; [0].w: its opacity
 };
 
 // Height of a post relative to the eye [m]; the subtraction is exact where the two are close.
@@ -27,7 +30,17 @@ vec3 position_of(vec2 post, float height_m) {
     return vec3(xz.x, height_from_eye(height_m), xz.y);
 }
 
+// Fractional post (col, row) of a position relative to the eye: the inverse of position_of.
+vec2 post_of(vec3 position_m) {
+    return (position_m.xz + u_eye_post.zw) / u_grid.zw + u_eye_post.xy;
+}
+
 // Absolute height [m] of a point relative to the eye.
 float height_of(float y_m) {
     return y_m + (u_eye_height.x + u_eye_height.y);
+}
+
+// Sight ray through a point of the picture (0..1, origin at the lower left), as long as its view depth is 1.
+vec3 sight_ray(vec2 screen) {
+    return u_ray[0].xyz + screen.x * u_ray[1].xyz + screen.y * u_ray[2].xyz;
 }

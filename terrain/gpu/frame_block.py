@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import moderngl
 import numpy as np
@@ -22,11 +22,14 @@ FRAME_DTYPE = np.dtype(
         ("viewport", np.float32, 4),
         ("ray", np.float32, (3, 4)),
         ("sun", np.float32, 4),
+        ("sunlight", np.float32, 4),
+        ("sky_light", np.float32, 4),
         ("fog", np.float32, 4),
         ("fog_colour", np.float32, 4),
         ("zenith", np.float32, 4),
         ("horizon", np.float32, 4),
         ("contour", np.float32, 4),
+        ("water", np.float32, 4),
         ("drape", np.float32, (2, 4)),
     ]
 )
@@ -36,13 +39,16 @@ FRAME_DTYPE = np.dtype(
 class Look:
     """The part of the block that does not depend on the camera; made by `terrain.textures.look`."""
 
-    sun: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)
-    fog: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    fog_colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    zenith: tuple[float, float, float, float] = (0.3, 0.5, 0.8, 1.0)
-    horizon: tuple[float, float, float, float] = (0.8, 0.9, 1.0, 1.0)
-    contour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    drape: tuple[tuple[float, ...], tuple[float, ...]] = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    sun: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
+    sunlight: tuple[float, ...] = (1.8, 1.6, 1.2, 0.0)
+    sky_light: tuple[float, ...] = (0.3, 0.4, 0.5, 0.0)
+    fog: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    fog_colour: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    zenith: tuple[float, ...] = (0.3, 0.5, 0.8, 1.0)
+    horizon: tuple[float, ...] = (0.8, 0.9, 1.0, 1.0)
+    contour: tuple[float, ...] = (1.0, 5.0, 1.0, 1.0)
+    water: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
+    drape: tuple[tuple[float, ...], tuple[float, ...]] = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
 
 
 class FrameBlock:
@@ -76,6 +82,9 @@ def pack_frame(frame: Frame, heightfield: Heightfield, look: Look) -> np.ndarray
     corner = np.array([[-1, -1], [1, -1], [-1, 1]]) * np.tan(np.radians(frame.camera.fov_deg) / 2) * [frame.aspect, 1]
     view = np.concatenate([corner, -np.ones((3, 1))], axis=1) @ frame.camera.view_from_eye()
     block["ray"][:, :3] = view[0], view[1] - view[0], view[2] - view[0]  # lower left, then across, then up
-    for name in ("sun", "fog", "fog_colour", "zenith", "horizon", "contour", "drape"):
-        block[name] = getattr(look, name)
+    for field in fields(look):
+        block[field.name] = getattr(look, field.name)
+    # Haze at the eye: a constant of the frame. Below the haze's own floor it grows no further.
+    density, floor_m, falloff, _ = look.fog
+    block["fog"][3] = density * np.exp(-falloff * max(y - floor_m, 0.0))
     return block

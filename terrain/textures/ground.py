@@ -1,75 +1,165 @@
-"""The terrain's own textures: post heights, and the ground colour baked from them."""
+"""The terrain's own textures: post heights, and what is baked from them.
+
+Baking draws into textures, once per change of sun, palette or image: large-scale visibility of sky and sun on a coarse
+grid, then elevation tint times light in one texel per post, and the draped image times light in one texel per texel.
+A frame only fetches (mip-nearest), whatever the level of detail of the geometry.
+
+**Source**: the topographic texture of Doellner, Baumann and Hinrichs, *Texturing techniques for terrain visualization*
+(2000).
+"""
 
 from __future__ import annotations
 
+import math
+
 import moderngl
 import numpy as np
-import numpy.typing as npt
 
 from terrain.camera import Camera
+from terrain.errors import InputError
 from terrain.frame import Frame
 from terrain.gpu.context import Gpu
 from terrain.gpu.frame_block import FrameBlock, Look
 from terrain.gpu.programs import UNITS
 from terrain.heightfield import Heightfield
+from terrain.textures.drape import DrapeImage
+from terrain.textures.palettes import read_palette
 
-NADIR = Frame(Camera((0.0, 0.0, 0.0)), (1, 1))
+NADIR = Frame(Camera((0.0, 0.0, 0.0)), (1, 1))  # a bake has no camera
+COARSE_TEXELS = 512  # per side at most: where shadows and open sky are found
 
 
 class Ground:
-    """Heights (R32F, one texel per post) and ground colour (RGBA8 with mip levels) of one height field."""
+    """Heights (R32F, one texel per post) and ground colour (RGBA8 with mip levels) of one height field.
+
+    Raises
+    ------
+    InputError
+        If the grid is larger than the GPU's textures.
+    """
 
     def __init__(self, gpu: Gpu, heightfield: Heightfield) -> None:
         self._gpu, self._heightfield = gpu, heightfield
-        size = (heightfield.cols, heightfield.rows)
-        self.heights = gpu.ctx.texture(size, 1, heightfield.heights_m.data, dtype="f4")
+        ctx, size = gpu.ctx, (heightfield.cols, heightfield.rows)
+        most = int(ctx.info["GL_MAX_TEXTURE_SIZE"])
+        if max(size) > most:
+            raise InputError(
+                f"{heightfield.name} has {size[0]} x {size[1]} posts; this GPU draws at most {most} per side. "
+                "Cut it or reduce it first (gdal_translate -outsize)."
+            )
+        self.heights = ctx.texture(size, 1, heightfield.heights_m.data, dtype="f4")
         self.heights.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.colour = gpu.ctx.texture(size, 4, dtype="f1")
-        self.colour.repeat_x = self.colour.repeat_y = False
-        self.colour.anisotropy = 1.0
+        self.colour = _colour_texture(gpu, size)
         self._mask: moderngl.Texture | None = None
         if heightfield.holes is not None:
             data = np.where(heightfield.holes, np.uint8(0), np.uint8(255))
-            self._mask = gpu.ctx.texture(size, 1, np.ascontiguousarray(data).data, alignment=1)
-        self._framebuffer = gpu.ctx.framebuffer([self.colour])
-        self._array = gpu.ctx.vertex_array(gpu.program("fullscreen", "bake_ground", defines=self._defines), [])
+            self._mask = ctx.texture(size, 1, np.ascontiguousarray(data).data, alignment=1)
+            self._mask.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
-    @property
-    def _defines(self) -> dict[str, int]:
-        return {} if self._mask is None else {"HOLES": 1}
+        step = max(1.0, max(size) / COARSE_TEXELS)
+        coarse_size = (max(1, math.ceil(size[0] / step)), max(1, math.ceil(size[1] / step)))
+        self._coarse_size = (*coarse_size, size[0] / coarse_size[0], size[1] / coarse_size[1])
+        self._coarse = ctx.texture(coarse_size, 1, dtype="f4")
+        self._visibility = ctx.texture(coarse_size, 4, dtype="f1")
+        for texture in (self._coarse, self._visibility):
+            texture.repeat_x = texture.repeat_y = False
+        self._coarse_is_baked = False
+        self._image: moderngl.Texture | None = None
+        self._lit_image: moderngl.Texture | None = None
+        self._drape: DrapeImage | None = None
 
-    def bake(self, palette: moderngl.Texture, look: Look, block: FrameBlock) -> None:
-        """Fill the ground colour: elevation tint times light."""
+    def set_drape(self, drape: DrapeImage | None) -> None:
+        """Upload an image; it appears with the next bake.
+
+        Raises
+        ------
+        InputError
+            If the image is larger than the GPU's textures.
+        """
+        ctx, most = self._gpu.ctx, int(self._gpu.ctx.info["GL_MAX_TEXTURE_SIZE"])
+        if drape is not None and max(drape.pixels.shape[:2]) > most:
+            raise InputError(f"{drape.name}: this GPU takes images of at most {most} texels per side.")
+        for texture in (self._image, self._lit_image):
+            if texture is not None:
+                texture.release()
+        self._image = self._lit_image = None
+        self._drape = drape
+        if drape is not None:
+            size = (drape.pixels.shape[1], drape.pixels.shape[0])
+            self._image = ctx.texture(size, 4, np.ascontiguousarray(drape.pixels).data)
+            self._lit_image = _colour_texture(self._gpu, size)
+
+    def bake(self, palette_name: str, look: Look, block: FrameBlock) -> None:
+        """Fill visibility, ground colour and lit image for a palette and a sun. Leaves ``block`` without a camera."""
         gpu, terrain = self._gpu, self._heightfield
+        low, high = terrain.height_range_m
         block.write(NADIR, terrain, look)
-        self.bind()
-        palette.use(UNITS["u_palette"])
+        self.heights.use(UNITS["u_heights"])
+        if not self._coarse_is_baked:
+            self._pass("bake_coarse", self._coarse, {"u_coarse_size": self._coarse_size})
+            _finish_mips(self._coarse)
+            self._coarse_is_baked = True
+        self._coarse.use(UNITS["u_coarse"])
+        uniforms = {"u_coarse_size": self._coarse_size, "u_height_range": (low, high, 0.0, 0.0)}
+        self._pass("bake_visibility", self._visibility, uniforms)
+        self._visibility.use(UNITS["u_visibility"])
+
+        palette = read_palette(palette_name)
+        colours = gpu.ctx.texture((palette.colours.shape[1], 2), 3, palette.colours.tobytes(), alignment=1)
+        colours.repeat_x = colours.repeat_y = False
+        colours.use(UNITS["u_palette"])
         if self._mask is not None:
             self._mask.use(UNITS["u_source"])
-        low, high = terrain.height_range_m
-        program = gpu.program("fullscreen", "bake_ground", defines=self._defines)
-        program["u_tint_range"] = (low, 1.0 / max(high - low, 1e-6), 0.0, 0.0)
-        self._framebuffer.use()
-        gpu.ctx.disable(moderngl.DEPTH_TEST)
-        self._array.render(moderngl.TRIANGLES, vertices=3)
-        gpu.ctx.enable(moderngl.DEPTH_TEST)
-        self.colour.build_mipmaps()
-        self.colour.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
+        span = max(high - low, palette.least_relief_m * terrain.exaggeration, 1e-3)
+        defines = {"HOLES": 1} if self._mask is not None else {}
+        self._pass("bake_ground", self.colour, {"u_tint_range": (low, 1.0 / span, 0.0, 0.0)}, defines)
+        _finish_mips(self.colour)
+        colours.release()
+
+        if self._drape is not None and self._image is not None and self._lit_image is not None:
+            self._image.use(UNITS["u_source"])
+            inverse = np.linalg.inv(np.vstack([self._drape.image_from_post, [0.0, 0.0, 1.0]]))[:2]
+            rows = [(*row, 0.0) for row in inverse.tolist()]
+            self._pass("bake_drape", self._lit_image, {"u_post_from_image": rows})
+            _finish_mips(self._lit_image)
+
+    def _pass(
+        self, fragment: str, into: moderngl.Texture, uniforms: dict[str, object], defines: dict[str, int] | None = None
+    ) -> None:
+        """Fill every texel of a texture."""
+        ctx = self._gpu.ctx
+        program = self._gpu.programs.get("fullscreen", fragment, defines or {})
+        for name, value in uniforms.items():
+            program[name] = value
+        framebuffer = ctx.framebuffer([into])
+        array = ctx.vertex_array(program, [])
+        framebuffer.use()
+        ctx.disable(moderngl.DEPTH_TEST)
+        array.render(moderngl.TRIANGLES, vertices=3)
+        ctx.enable(moderngl.DEPTH_TEST)
+        array.release()
+        self._gpu.release_framebuffer(framebuffer)
 
     def bind(self) -> None:
-        """Bind both textures to their units."""
+        """Bind what frames read to its units."""
         self.heights.use(UNITS["u_heights"])
         self.colour.use(UNITS["u_ground"])
+        if self._lit_image is not None:
+            self._lit_image.use(UNITS["u_drape"])
 
     def release(self) -> None:
-        for part in (self._array, self._framebuffer, self.colour, self.heights):
-            part.release()
-        if self._mask is not None:
-            self._mask.release()
+        parts = (self.colour, self.heights, self._mask, self._coarse, self._visibility, self._image, self._lit_image)
+        for part in parts:
+            if part is not None:
+                part.release()
 
 
-def palette_texture(gpu: Gpu, colours: npt.NDArray[np.uint8]) -> moderngl.Texture:
-    """A one-row texture of elevation tints (n, 3), lowest first."""
-    texture = gpu.ctx.texture((len(colours), 1), 3, np.ascontiguousarray(colours).tobytes(), alignment=1)
+def _colour_texture(gpu: Gpu, size: tuple[int, int]) -> moderngl.Texture:
+    texture = gpu.ctx.texture(size, 4, dtype="f1")
     texture.repeat_x = texture.repeat_y = False
     return texture
+
+
+def _finish_mips(texture: moderngl.Texture) -> None:
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
