@@ -17,6 +17,7 @@ TINs in place of grid meshes (`patch_pool`). The paper left open how to find the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +60,11 @@ class ApproximationTree:
     microstructures: tuple[Bools, ...]
     stride: int = 1
 
+    @cached_property
+    def posts_m(self) -> npt.NDArray[np.float32]:
+        """Heights of the posts the hierarchy is made from."""
+        return _every_post(self.heightfield, self.stride)
+
     @property
     def coarsest_level(self) -> int:
         return self.rtin.top_level + (self.stride.bit_length() - 1)
@@ -87,11 +93,16 @@ def build_preview(heightfield: Heightfield) -> ApproximationTree:
     """A tree over every fourth post, made in a fraction of the time: something to look at while the tree is built."""
     step = PREVIEW_STRIDE
     dx, dz = heightfield.spacing_m
-    posts = heightfield.heights_m[::step, ::step]
-    missing = [-(-(n - 1) // step) + 1 - m for n, m in zip(heightfield.heights_m.shape, posts.shape, strict=True)]
-    posts = np.pad(posts, [(0, n) for n in missing], mode="edge")
+    posts = _every_post(heightfield, step)
     top = _coarsest_level(heightfield) - (step.bit_length() - 1)
     return ApproximationTree(heightfield, build_rtin(posts, (dx * step, dz * step), top), (), step)
+
+
+def _every_post(heightfield: Heightfield, step: int) -> npt.NDArray[np.float32]:
+    """Every ``step``-th post, and at the far edges enough to cover all cells."""
+    posts = heightfield.heights_m[::step, ::step]
+    missing = [-(-(n - 1) // step) + 1 - m for n, m in zip(heightfield.heights_m.shape, posts.shape, strict=True)]
+    return np.pad(posts, [(0, n) for n in missing], mode="edge") if any(missing) else posts
 
 
 def _coarsest_level(heightfield: Heightfield) -> int:

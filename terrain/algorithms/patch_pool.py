@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from terrain.algorithms.multiresolution import FINEST_LEVEL, ApproximationTree
 from terrain.algorithms.rtin import surface_weights
-from terrain.algorithms.rtin_mesh import Patches, extract_meshes, extract_walls
+from terrain.algorithms.rtin_mesh import Patches, extract_meshes
 from terrain.algorithms.tin import greedy_tin
+from terrain.algorithms.walls import build_walls
 
 POOL_LIMIT = 1 << 26  # post numbers kept, 256 MiB: beyond, all is dropped and the view extracted anew
 MAX_TIN_POINTS = 256  # the paper's s
@@ -48,11 +49,10 @@ class PatchPool:
         place = np.arange(ends[-1] if len(ends) else 0) + np.repeat(starts - (ends - lengths), lengths)
         return self._posts[place]
 
-    def walls(self, patches: Patches) -> Ints:
-        """Post numbers (3 m,) of the walls between the patches."""
-        meshed = self.tree.meshed(patches)
+    def walls(self, patches: Patches) -> npt.NDArray[np.float32]:
+        """Triangles (m, 3, 4) of the walls between the patches; see `build_walls`."""
         finest = FINEST_LEVEL - (self.tree.stride.bit_length() - 1)
-        return extract_walls(self.tree.rtin, meshed, finest).ravel()
+        return build_walls(self.tree.rtin, self.tree.meshed(patches), finest, self.tree.posts_m)
 
     def count_tins(self, patches: Patches) -> int:
         """How many of the patches are drawn as TINs."""

@@ -1,4 +1,4 @@
-"""Draws the approximation tree: all chosen patches in one draw call, front to back, then the walls between them.
+"""Draws the approximation tree: all chosen patches in one draw call, front to back, the walls between them in another.
 
 **Source** J. Doellner, "Integrated multiresolution modeling of terrain geometry and terrain texture data".
 """
@@ -12,6 +12,7 @@ from typing import Any
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from terrain.algorithms.culling import Culler, Nodes
 from terrain.algorithms.multiresolution import (
@@ -22,7 +23,6 @@ from terrain.algorithms.multiresolution import (
     select_patches,
 )
 from terrain.algorithms.patch_pool import PatchPool
-from terrain.algorithms.rtin import STEEPEST
 from terrain.algorithms.rtin_mesh import Patches
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
@@ -62,18 +62,19 @@ class MultiresolutionRenderer:
         self.stats = FrameStats()
         self._gpu, self._scene = gpu, scene
         self._begun = time.perf_counter()
+        self._uploaded_for: Any = None  # the settings at the last upload
         self._culler = Culler(scene, FINEST_LEVEL)
         self._worker = ThreadPoolExecutor(1, "approximation-tree")
         self._coming: Future[ApproximationTree] | None = self._worker.submit(load_tree, scene.heightfield)
         self._pool: PatchPool | None = None
         self._indices = gpu.ctx.buffer(reserve=4, dynamic=True)
+        self._wall_corners = gpu.ctx.buffer(reserve=16, dynamic=True)
         self._geometry: Geometry | None = None
+        self._wall_geometry: Geometry | None = None
         self._overhangs = False
         self._patches: Patches | None = None
         self._nodes: Nodes | None = None
-        self._chosen_eye_m = np.zeros(3)
-        self._wall = (0.0, 0.0)
-        self._walls = np.empty(0, np.int32)
+        self._counts = 0, 0  # triangles of patches and of walls
         self._by_rung = False  # how the patches in the index buffer are sorted: for the levels view by rung
 
     def select(self, frame: Frame) -> None:
@@ -86,15 +87,12 @@ class MultiresolutionRenderer:
         rests = self._patches is not None and all(map(np.array_equal, patches, self._patches))
         refined = pool.refine(patches, settings.tins) if rests and settings.tins else 0
         self._patches = patches
-        self._chosen_eye_m = frame.eye_m
-        error_per_m = settings.tolerance_px / frame.pixels_per_radian
-        # Both sides may err, each straight down by 1 / STEEPEST times its error.
-        self._wall = 2.0 / STEEPEST * error_per_m, 2.0 / STEEPEST * float(tree.rtin.ladder.exact_m)
         self.stats.uploaded_bytes = 0
-        if not rests or refined or self._by_rung or settings.walls != (len(self._walls) > 0):
+        if not rests or refined or self._by_rung or settings != self._uploaded_for:
             self._upload(patches)
-        self.stats.draw_calls = 1
-        self.stats.resident_bytes = pool.resident_bytes + self._indices.size + tree.rtin.drop_rung.nbytes
+        self.stats.resident_bytes = (
+            pool.resident_bytes + self._indices.size + self._wall_corners.size + tree.rtin.drop_rung.nbytes
+        )
 
     def finish(self) -> None:
         """Wait until the tree is built, so that the next `select` uses it."""
@@ -115,39 +113,35 @@ class MultiresolutionRenderer:
     def _use(self, tree: ApproximationTree) -> None:
         self._pool, self._patches = PatchPool(tree), None
         terrain, shape = self._scene.heightfield, tree.rtin.drop_rung.shape
-        self._overhangs = ((shape[0] - 1) * tree.stride, (shape[1] - 1) * tree.stride) != (
-            terrain.rows - 1,
-            terrain.cols - 1,
-        )
-        if self._geometry is not None:
-            self._geometry.release()
+        covered = (shape[0] - 1) * tree.stride, (shape[1] - 1) * tree.stride
+        self._overhangs = covered != (terrain.rows - 1, terrain.cols - 1)
+        self._release_geometry()
         defines = {"CLIP_EDGES": 1} if self._overhangs else {}
         self._geometry = Geometry(self._gpu, "multiresolution", "mesh", (), self._indices, defines)
+        corners = [(self._wall_corners, "4f", "in_corner")]
+        self._wall_geometry = Geometry(self._gpu, "multiresolution_wall", "mesh", corners, defines=defines)
 
     def _upload(self, patches: Patches) -> None:
-        """Write the triangles of the patches, and of their walls, as one list of post numbers."""
+        """Write the triangles of the patches as one list of post numbers, and those of the walls."""
         assert self._pool is not None
         posts = self._pool.gather(patches)
         extracted = self._pool.extracted
-        self._walls = self._pool.walls(patches) if self.settings.walls else np.empty(0, np.int32)
-        self._write(np.concatenate([posts, self._walls]))
-        self._by_rung = False
-        self.stats.triangles = (len(posts) + len(self._walls)) // 3
+        walls = self._pool.walls(patches) if self.settings.walls else np.empty((0, 3, 4), np.float32)
+        _write(self._indices, posts)
+        _write(self._wall_corners, walls)
+        self._by_rung, self._uploaded_for = False, self.settings
+        self._counts = len(posts) // 3, len(walls)
+        self.stats.uploaded_bytes = posts.nbytes + walls.nbytes
+        self.stats.triangles = sum(self._counts)
+        self.stats.draw_calls = sum(count > 0 for count in self._counts)
         self.stats.extra = {
             "patches": len(patches.level), "new patches": extracted, "TINs": self._pool.count_tins(patches),
-            "wall triangles": len(self._walls) // 3,
+            "wall triangles": len(walls),
         }  # fmt: skip
 
-    def _write(self, posts: np.ndarray[Any, np.dtype[np.int32]]) -> None:
-        if posts.nbytes > self._indices.size:
-            self._indices.orphan(2 * posts.nbytes)
-        if len(posts):
-            self._indices.write(posts)
-        self.stats.uploaded_bytes += posts.nbytes
-
     def draw(self, frame: Frame) -> None:
-        geometry, pool = self._geometry, self._pool
-        if geometry is None or pool is None or not self.stats.triangles:
+        geometry, walls, pool = self._geometry, self._wall_geometry, self._pool
+        if geometry is None or walls is None or pool is None:
             return
         if self._overhangs:
             for plane in (0, 1):
@@ -155,12 +149,14 @@ class MultiresolutionRenderer:
         program = geometry.program(frame.output)
         program["u_row_length"] = pool.tree.rtin.drop_rung.shape[1]
         program["u_stride"] = pool.tree.stride
-        program["u_chosen_eye"] = tuple(self._chosen_eye_m - frame.eye_m)
-        program["u_wall"] = self._wall
+        triangles, wall_triangles = self._counts
         if frame.output == "levels":
             self._draw_rungs(geometry, program)
-        else:
-            geometry.render(frame.output, moderngl.TRIANGLES, 3 * self.stats.triangles)
+        elif triangles:
+            geometry.render(frame.output, moderngl.TRIANGLES, 3 * triangles)
+        if wall_triangles:
+            walls.program(frame.output)["u_stride"] = pool.tree.stride
+            walls.render(frame.output, moderngl.TRIANGLES, 3 * wall_triangles)
         if self._overhangs:
             for plane in (0, 1):
                 self._gpu.ctx.disable_direct(GL_CLIP_DISTANCE0 + plane)
@@ -169,21 +165,17 @@ class MultiresolutionRenderer:
         """The levels view: a draw call for each rung, since a post number cannot tell what patch it belongs to."""
         assert self._pool is not None
         assert self._patches is not None
-        first = 0
-        lists = []
-        ranges = []
-        for rung in np.unique(self._patches.rung):
-            posts = self._pool.gather(self._patches.take(self._patches.rung == rung))
-            lists.append(posts)
-            ranges.append((int(rung), first, len(posts)))
-            first += len(posts)
-        uploaded = self.stats.uploaded_bytes
-        self._write(np.concatenate([*lists, self._walls]))
-        self.stats.uploaded_bytes = uploaded
+        rungs = np.unique(self._patches.rung)
+        lists = [self._pool.gather(self._patches.take(self._patches.rung == rung)) for rung in rungs]
+        if not lists:
+            return
+        _write(self._indices, np.concatenate(lists))
         self._by_rung = True
-        for rung, start, count in [*ranges, (0, first, len(self._walls))]:
+        first = 0
+        for rung, posts in zip(rungs, lists, strict=True):
             program["u_level"] = float(rung)
-            geometry.render("levels", moderngl.TRIANGLES, count, first=start)
+            geometry.render("levels", moderngl.TRIANGLES, len(posts), first=first)
+            first += len(posts)
 
     def boxes(self) -> Boxes:
         if self._nodes is None or self._patches is None:
@@ -191,8 +183,21 @@ class MultiresolutionRenderer:
         lower, upper = self._culler.boxes(self._nodes)
         return Boxes(lower, upper, self._patches.rung.astype(np.int64))
 
+    def _release_geometry(self) -> None:
+        for geometry in (self._geometry, self._wall_geometry):
+            if geometry is not None:
+                geometry.release()
+
     def release(self) -> None:
         self._worker.shutdown(wait=True)
-        if self._geometry is not None:
-            self._geometry.release()
+        self._release_geometry()
         self._indices.release()
+        self._wall_corners.release()
+
+
+def _write(buffer: moderngl.Buffer, data: npt.NDArray[Any]) -> None:
+    """Write to the start of a buffer, which grows where it must."""
+    if data.nbytes > buffer.size:
+        buffer.orphan(2 * data.nbytes)
+    if data.nbytes:
+        buffer.write(np.ascontiguousarray(data))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from terrain.algorithms.rtin import STEEPEST, Ladder, build_rtin, surface_weights
-from terrain.algorithms.rtin_mesh import FOOT, Patches, extract_meshes, extract_walls
+from terrain.algorithms.rtin_mesh import Patches, extract_meshes
 
 
 def rough(rows: int, cols: int, seed: int, scale: float = 20.0) -> np.ndarray:
@@ -141,74 +141,3 @@ def test_ladder_steps_agree_with_one_another():
     assert (ladder.error_m(ladder.coarsest_within(errors * 1.3)) <= errors * 1.3).all()
     assert ladder.coarsest_within([0.0, 0.1])[0] == 0
     assert ladder.first_without(np.array([0, 1e-5, 0.01], np.float32)).tolist() == [0, 0, 1]
-
-
-def edge_pieces(posts: np.ndarray) -> set[tuple[int, int]]:
-    return {(int(a), int(b)) for t in posts for a, b in ((t[0], t[1]), (t[1], t[2]), (t[2], t[0]))}
-
-
-def wall_pieces(walls: np.ndarray) -> set[tuple[int, int]]:
-    """The pieces of edges that have walls; every wall is two triangles down to the feet of its piece."""
-    pieces = set()
-    for upper, lower in zip(walls[::2], walls[1::2], strict=True):
-        here, here_foot, there_foot = upper
-        assert (here_foot, there_foot) == (here | FOOT, lower[2] | FOOT)
-        assert tuple(lower) == (here, there_foot, lower[2])
-        pieces.add((int(here), int(lower[2])))
-    assert 2 * len(pieces) == len(walls)
-    return pieces
-
-
-@settings(max_examples=12, deadline=None)
-@given(seed=st.integers(0, 10**6), spread=st.integers(0, 20), gaps=st.floats(0, 0.3))
-def test_walls_stand_under_exactly_the_pieces_that_do_not_fit(seed, spread, gaps):
-    rng = np.random.default_rng(seed)
-    rtin = build_rtin(rough(65, 65, seed), (1.0, 1.0), 4)
-    chosen, queue = [], [(4, r, c) for r in range(4) for c in range(4)]
-    while queue:  # a random quadtree, some of it not drawn
-        level, row, col = queue.pop()
-        if level > 2 and rng.random() < 0.4:
-            queue += [(level - 1, 2 * row + i, 2 * col + j) for i in (0, 1) for j in (0, 1)]
-        elif rng.random() >= gaps:
-            chosen.append((level, row, col, 40 + rng.integers(0, spread + 1)))
-    patches = Patches(*np.array(chosen or [(4, 0, 0, 40)], np.int32).T)
-    meshes, stride = extract_meshes(rtin, patches), rtin.drop_rung.shape[1]
-    edges = edge_pieces(meshes.triangles)
-    # On which squares of 4 cells something is drawn, to tell the rim of what is drawn from what does not fit.
-    drawn = np.zeros((18, 18), bool)
-    for level, row, col, _ in zip(*patches, strict=True):
-        span = 1 << (level - 2)
-        drawn[row * span + 1 : (row + 1) * span + 1, col * span + 1 : (col + 1) * span + 1] = True
-    expected, doubtful = set(), set()
-    for a, b in edges:
-        if (b, a) in edges:
-            continue
-        (ra, ca), (rb, cb) = divmod(a, stride), divmod(b, stride)
-        # Counter-clockwise from above: beyond lies to the right of the way from a to b.
-        right = (np.sign(cb - ca), -np.sign(rb - ra))
-        squares = {
-            bool(drawn[int((r + 0.5 * right[0]) // 4) + 1, int((c + 0.5 * right[1]) // 4) + 1])
-            for r, c in zip(np.linspace(ra, rb, 33)[1:-1], np.linspace(ca, cb, 33)[1:-1], strict=True)
-        }
-        if squares == {True}:
-            expected.add((a, b))
-        elif True in squares:
-            doubtful.add((a, b))  # beyond it something is drawn in part
-    found = wall_pieces(extract_walls(rtin, patches, 2))
-    assert expected <= found
-    touching = {(a, b) for a, b in found - expected - doubtful if (b, a) in edges}
-    assert not touching  # no wall under a piece that fits
-
-
-def test_walls_face_outwards_and_hang_from_both_sides():
-    rtin = build_rtin(rough(33, 33, 6), (1.0, 1.0), 4)
-    patches = Patches(*np.array([[4, 4], [0, 0], [0, 1], [0, 70]], np.int32))
-    walls = extract_walls(rtin, patches, 4)
-    stride = rtin.drop_rung.shape[1]
-    pieces = wall_pieces(walls)
-    rows = [(a // stride, b // stride) for a, b in pieces]
-    assert all(a % stride == b % stride == 16 for a, b in pieces)
-    # The western patch's eastern side runs northwards, the eastern patch's western side southwards.
-    assert {a > b for a, b in rows} == {True, False}
-    assert len(extract_walls(rtin, patches.take(np.array([0])), 4)) == 0
-    assert len(extract_walls(rtin, patches._replace(rung=np.array([40, 40], np.int32)), 4)) == 0
