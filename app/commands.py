@@ -207,7 +207,8 @@ def _render_cameras(args: argparse.Namespace, heightfield: Any, is_single: bool)
     if args.eye is not None:
         pitch = -10.0 if args.pitch is None else args.pitch
         return [Camera(args.eye, args.yaw or 0.0, pitch, args.roll or 0.0, args.fov or 60.0)], [0.0]
-    flight = _read_flight(args.flight) or demo_flight(heightfield)
+    given = _read_flight(args.flight)
+    flight = demo_flight(heightfield) if given is None else given.relocated(heightfield)
     times = [args.at or 0.0] if is_single else flight_times(flight.duration_s, args.frames, args.fps)
     return [flight.camera_at(time_s) for time_s in times], times
 
@@ -220,7 +221,7 @@ def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, 
     from terrain.gpu.context import create_offscreen_gpu
 
     gpu = create_offscreen_gpu()
-    flight = flight or demo_flight(heightfield)
+    flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
     times_s = flight_times(flight.duration_s, TOUR_FRAMES, TOUR_FPS)
     stage = open_stage(gpu, heightfield, drawing, read_texture(drawing, heightfield))
     folder = numbered_path(Path(f"{heightfield.name}-tour"))

@@ -79,7 +79,8 @@ def read_inputs(focused: bool = True) -> Inputs:
     look, wheel = (0.0, 0.0), 0.0
     if not io.want_capture_mouse:
         wheel = io.mouse_wheel
-        if any(imgui.is_mouse_down(button) for button in (0, 1, 2)):
+        # Not in the frame of the click itself, whose travel led to where the drag begins.
+        if any(imgui.is_mouse_down(button) and not imgui.is_mouse_clicked(button) for button in (0, 1, 2)):
             look = (io.mouse_delta.x, io.mouse_delta.y)
     return Inputs(**held, fast=fast, look_px=look, wheel=wheel, focused=focused)
 

@@ -19,7 +19,7 @@ from app.session import Session
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
-WIDTH_EM, FIGURE_EM = 23.0, 8.6
+WIDTH_EM, FIGURE_EM, HELP_EM = 23.0, 8.6, 45.0
 MARGIN_EM = 0.6
 EXAGGERATION_RANGE = (0.1, 10.0)
 STEADY_MS = 1000.0 / 60.0
@@ -230,7 +230,7 @@ def _draw_status(session: Session) -> None:
     if session.replay_s is not None:
         lines.append(f"Playing {session.replay_s:.1f} of {session.flight.duration_s:.1f} s.")
     if session.stage.frozen is not None:
-        lines.append("Selection frozen: F lets it go.")
+        lines.append("Selection frozen: fly on and look at it, F lets it go.")
     if session.message:
         lines.append(session.message)
     if not lines:
@@ -250,7 +250,9 @@ def _draw_status(session: Session) -> None:
 def _draw_help(session: Session) -> None:
     """All keys, in the middle of what the panel leaves free."""
     em, size = imgui.get_font_size(), imgui.get_io().display_size
-    imgui.set_next_window_pos(((_free_left(session) + size.x) / 2, size.y / 2), 0, (0.5, 0.5))
+    left = _free_left(session)
+    left = left if size.x - left > HELP_EM * em else 0.0
+    imgui.set_next_window_pos(((left + size.x) / 2, size.y / 2), 0, (0.5, 0.5))
     imgui.set_next_window_bg_alpha(0.94)
     held = [(f"{plus} {minus}", text) for plus, minus, text in HELD.values()]
     rows = [*held, (FAST, "fly four times as fast"), *MOUSE_HELP, *((b.key, b.help) for b in bindings())]

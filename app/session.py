@@ -57,7 +57,7 @@ class Session:
         self.view: Any = drawing.view
         self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
-        self.flight = flight or demo_flight(heightfield)
+        self.flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
         self.camera: Camera = self.flight.camera_at(0.0)
         self.motion = Motion()
         self.recorder: FlightRecorder | None = None
@@ -221,7 +221,6 @@ class Session:
             self.say("The selection follows the eye again.")
         elif self.picture is not None:
             self.stage.freeze(self.stage.frame(self.camera, self.picture.size_px, self.clock_s))
-            self.say("Selection frozen: fly on and look at what was chosen from here.")
         self.touch()
 
     def frame_all(self) -> None:
@@ -246,8 +245,8 @@ class Session:
         if self.recorder is None:
             return
         recorder, self.recorder = self.recorder, None
-        self.flight = recorder.finish()
         path = numbered_path(self.folder / f"{self.heightfield.name}.flight.json")
+        self.flight = recorder.finish(path.name.partition(".")[0])
         self._save(lambda: write_flight(self.flight, path), f"Saved the flight as {path}; P plays it.")
 
     def toggle_replay(self) -> None:

@@ -334,6 +334,17 @@ def test_dragging_the_scene_looks_around_and_dragging_the_panel_does_not(ui):
     ui.run(steps)
 
 
+def test_travel_to_where_a_drag_begins_does_not_turn_the_view(ui):
+    before = ui.session.camera
+    io = imgui.get_io()
+    for x in (500.0, 900.0):
+        io.add_mouse_pos_event(x, 300.0)
+        io.add_mouse_button_event(0, x > 500.0)
+        ui.frame()
+    ui.frame()
+    assert ui.session.camera == before
+
+
 def test_wheel_changes_the_speed_over_the_scene_only(ui):
     def steps(ctx):
         pace = ui.session.motion.speed_factor

@@ -70,9 +70,9 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
     program = [sys.executable, "-m", "app", "waves:65", "--size", "640x480"]
     viewer = subprocess.Popen(program, cwd=tmp_path, env=desktop, stderr=subprocess.PIPE, text=True)
     try:
-        found = wait_for(
-            lambda: xdo("search", "--onlyvisible", "--name", "waves — Reliefscope").stdout.split() or None, "the window"
-        )
+        search = ("search", "--onlyvisible", "--name", "waves — Reliefscope")
+        found = wait_for(lambda: xdo(*search).stdout.split() or viewer.poll(), "the window")
+        assert isinstance(found, list), viewer.stderr.read()
         window = found[0]
         xdo("windowfocus", window)
         xdo("mousemove", "--window", window, 500, 300)
