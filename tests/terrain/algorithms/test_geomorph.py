@@ -299,3 +299,13 @@ def test_a_view_without_any_small_tile_is_drawn_by_large_ones() -> None:
     tiles = select(scene, Camera((9000.0, 60000.0, 7000.0), 0.0, -90.0, fov_deg=20.0), 8)
     assert tiles.size_level.min() > 5
     assert_watertight(scene, tiles)
+
+
+def test_edges_of_the_terrain_keep_the_level_of_their_tile() -> None:
+    scene = fractal_scene(33, 1025, 3)  # joined tiles of 256 cells reach far past the south edge
+    tiles = select(scene, Camera((3000.0, 900.0, 400.0), 60.0, -30.0), 16)
+    rows, cols = scene.pyramid.cells
+    first, last = tiles.post, tiles.post + np.left_shift(1, tiles.size_level)[:, None]
+    at_edge = np.stack([first[:, 1] == 0, last[:, 1] >= rows, first[:, 0] == 0, last[:, 0] >= cols], axis=1)
+    assert at_edge[:, 1].sum() > 10
+    np.testing.assert_array_equal(tiles.edge_lam[at_edge], np.repeat(tiles.lam[:, None], 4, axis=1)[at_edge])
