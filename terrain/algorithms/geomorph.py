@@ -280,12 +280,13 @@ class TileLevels:
         for index in range(len(self.tiers) - 1, -1, -1):
             lam, exists, window = levels[index], joined[index], windows[index]
             t = self.tiers[index].size_level
-            here = np.flatnonzero(exists & ~covered & masks[index][window])
+            padding = self.tiers[index].full[window] < 0
+            here = np.flatnonzero(exists & ~covered & masks[index][window] & ~padding)
             if len(here):
                 # What a neighbour of the same size offers at the shared edge: its lambda; t where it is part of a
                 # larger tile; -1 where there are smaller ones; 0, which is never more than one's own, past the grid.
                 offer = np.where(covered, np.float32(t), np.where(exists, lam, np.float32(-1)))
-                offer[self.tiers[index].full[window] < 0] = 0
+                offer[padding] = 0
                 offer = np.pad(offer, 1, mode="edge")
                 width, flat = offer.shape[1], offer.ravel()
                 row, col = np.divmod(here.astype(np.int32), np.int32(lam.shape[1]))
