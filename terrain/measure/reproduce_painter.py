@@ -1,0 +1,370 @@
+"""The painter's tables on this machine: frame rates over quadtree depth, of orders, paths and shuffled indices.
+
+Source: S. Alonso-Ferreira, R. Joan-Arinyo, *Back-to-front ordering of triangles in digital terrain models over regular
+grids*: tables 1 to 4, figures 16, 18 and 20.
+
+Deviations: the paper's terrain, path and window are unknown. Here a fractal surface stands for its mountains, and the
+eye flies over it at 1280 x 720 pixels. The paper's paths are ours with an index buffer; beside them stands the order
+computed from the vertex number. Frustum culling alone, no level of detail, as in the paper.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from terrain.algorithms.painter import foot_at
+from terrain.camera import Camera
+from terrain.gpu.context import Gpu
+from terrain.heightfield import Heightfield
+from terrain.measure.cost import time_frame, warm_up
+from terrain.measure.reproduce import Cell, Claim, Plot, Progress, Reproduction, Table
+from terrain.renderers.painter import PainterRenderer, PainterSettings
+from terrain.scene import open_scene
+from terrain.stage import Stage
+
+MODES = ("wrong", "z-buffer", "correct")
+
+# Frames per second in tables 1 to 3, by posts along one side: static eye, then moving eye; depths from 0.
+PAPER: dict[int, tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]]]] = {
+    512: (
+        {
+            "wrong": (763, 762, 760, 758, 748, 686, 214, 63, 14),
+            "z-buffer": (722, 723, 721, 718, 709, 608, 207, 62, 14),
+            "correct": (744, 744, 744, 739, 728, 610, 177, 51, 13),
+        },
+        {
+            "wrong": (805, 796, 777, 762, 758, 680, 220, 63, 14),
+            "z-buffer": (738, 720, 716, 712, 714, 642, 221, 63, 14),
+            "correct": (517, 742, 753, 749, 750, 636, 179, 51, 13),
+        },
+    ),
+    1024: (
+        {
+            "wrong": (249, 250, 250, 242, 238, 239, 207, 49, 16),
+            "z-buffer": (237, 239, 239, 236, 233, 234, 198, 48, 16),
+            "correct": (245, 248, 248, 241, 238, 239, 165, 43, 13),
+        },
+        {
+            "wrong": (244, 245, 245, 238, 234, 233, 207, 48, 16),
+            "z-buffer": (233, 235, 235, 232, 229, 228, 205, 48, 16),
+            "correct": (209, 222, 229, 233, 232, 232, 169, 43, 13),
+        },
+    ),
+    2048: (
+        {
+            "wrong": (63, 65, 65, 65, 63, 62, 62, 51),
+            "z-buffer": (62, 63, 63, 63, 62, 61, 61, 51),
+            "correct": (55, 60, 65, 65, 63, 62, 62, 45),
+        },
+        {
+            "wrong": (63, 64, 65, 65, 63, 62, 62, 51),
+            "z-buffer": (61, 62, 63, 63, 62, 61, 62, 51),
+            "correct": (41, 52, 58, 59, 62, 62, 62, 43),
+        },
+    ),
+}
+RANDOMNESS = (0, 25, 50, 75, 100)  # per cent
+PAPER_RANDOMNESS = {512: (755, 640, 555, 495, 445), 1024: (245, 199, 165, 142, 121), 2048: (62, 51, 41, 35, 31)}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is measured: posts along one side, quadtree depths, frames per figure, window, eyes compared."""
+
+    sizes: Sequence[int] = (512, 1024, 2048)
+    depths: Sequence[int] = tuple(range(9))
+    frames: int = 4
+    window_px: tuple[int, int] = (1280, 720)
+    eyes: int = 400
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One column of measurements: a mode on a path."""
+
+    label: str
+    mode: str
+    path: str
+
+
+VARIANTS = (
+    *(Variant(mode, mode, "indexed") for mode in MODES),
+    Variant("z-buffer, by number", "z-buffer", "procedural"),
+    Variant("correct, by number", "correct", "procedural"),
+    Variant("correct, by cells", "correct", "cells"),
+)
+
+Rates = dict[str, list[float]]  # frames per second of every variant, by depth
+
+
+def reproduce(gpu: Gpu, folder: Path, progress: Progress) -> Reproduction:
+    """Measure tables 1 to 4 and what the paper concludes from them; ``folder`` is left alone."""
+    return measure(gpu, Plan(), progress)
+
+
+def measure(gpu: Gpu, plan: Plan, progress: Progress) -> Reproduction:
+    """As `reproduce`, by a plan."""
+    tables: list[Table] = []
+    plots: list[Plot] = []
+    rates: dict[int, tuple[Rates, Rates]] = {}
+    shuffled: dict[int, list[float]] = {}
+    depth_writes: dict[int, float] = {}
+    work = sum(n * n for n in plan.sizes) * 1.2
+    done = 0.0
+    for number, posts in enumerate(plan.sizes, 1):
+        stage = Stage(gpu, open_scene(benchmark_terrain(posts)), "painter", PainterSettings(levels=False))
+        depths = [d for d in plan.depths if d < 8 or posts < 2048]  # as in table 3
+        rates[posts] = ({v.label: [] for v in VARIANTS}, {v.label: [] for v in VARIANTS})
+        for depth in depths:
+            progress(done / work, f"{posts} x {posts} posts, depth {depth}")
+            for eye, found in enumerate(_rates_at_depth(stage, plan, depth)):
+                for label, rate in found.items():
+                    rates[posts][eye][label].append(rate)
+            done += posts * posts / len(depths)
+        progress(done / work, f"{posts} x {posts} posts, shuffled indices")
+        shuffled[posts] = _rates_when_shuffled(stage, plan)
+        depth_writes[posts] = _cost_of_depth_writes(stage, plan)
+        stage.release()
+        tables.append(_depth_table(number, posts, depths, rates[posts]))
+        plots += _depth_plots(posts, depths, rates[posts])
+    tables.append(_randomness_table(shuffled))
+    plots += _randomness_plots(shuffled)
+    progress(done / work, f"pictures from {plan.eyes} eyes")
+    claims = [
+        *_speed_claims(plan, rates),
+        _randomness_claim(shuffled),
+        _depth_write_claim(depth_writes),
+        _picture_claim(gpu, plan.eyes),
+    ]
+    progress(1.0, "done")
+    return Reproduction(tables, plots, claims)
+
+
+def benchmark_terrain(posts: int, seed: int = 1) -> Heightfield:
+    """Fractal mountains: ``posts`` x ``posts`` posts 30 m apart, the same shapes at every size."""
+    random = np.random.default_rng(seed)
+    frequency = np.hypot(np.fft.fftfreq(posts)[:, None], np.fft.rfftfreq(posts)) * posts
+    amplitude = np.where(frequency > 0, np.maximum(frequency, 1.5), np.inf) ** -1.9
+    phase = np.exp(2j * np.pi * random.random(frequency.shape))
+    heights = np.fft.irfft2(amplitude * phase, (posts, posts))
+    heights *= 0.05 * 30.0 * posts / (2.0 * heights.std())
+    return Heightfield(np.ascontiguousarray(heights, np.float32), (30.0, 30.0), name=f"fractal {posts}")
+
+
+def _camera(terrain: Heightfield, along: float) -> Camera:
+    """The eye after a share of its flight: around the middle, looking across it."""
+    width, depth = terrain.extent_m
+    angle = 2.0 * np.pi * (0.06 + along)
+    x, z = width * (0.5 - 0.22 * np.sin(angle)), depth * (0.5 + 0.22 * np.cos(angle))
+    y = float(terrain.heights_at(x, z)) + 0.02 * width
+    return Camera((float(x), y, float(z)), float(np.degrees(angle)) + 20.0, -12.0, 0.0, 60.0)
+
+
+def _rates_at_depth(stage: Stage, plan: Plan, depth: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Frames per second of every variant, for a static and a moving eye; variants take turns, frame by frame."""
+    terrain, target = stage.scene.heightfield, stage.target(plan.window_px)
+    settings = PainterSettings(depth=depth, levels=False, horizon=False)
+    renderer: Any = PainterRenderer(stage.gpu, stage.scene, settings)
+    found = []
+    # One turn around the terrain: the fixed order suits some directions and not others.
+    static = [_camera(terrain, i / plan.frames) for i in range(plan.frames)]
+    moving = [_camera(terrain, (i + 0.5) / plan.frames) for i in range(plan.frames)]
+    for cameras, repeats in ((static, 2), (moving, 1)):
+        samples: dict[str, list[float]] = {v.label: [] for v in VARIANTS}
+        for camera in cameras:
+            for turn in range(repeats):
+                for variant in VARIANTS:
+                    renderer.settings = replace(settings, mode=variant.mode, path=variant.path)
+                    if turn == 0 and camera is cameras[0]:
+                        warm_up(stage, renderer, _camera(terrain, 0.9), 0.0, target, 1)
+                    frame_ms = time_frame(stage, renderer, camera, 0.0, target)["frame_ms"]
+                    if turn == repeats - 1:  # a static eye has seen this before: its orders are in place
+                        samples[variant.label].append(frame_ms)
+        found.append({label: 1e3 / float(np.mean(values)) for label, values in samples.items()})
+    renderer.release()
+    return found[0], found[1]
+
+
+def _rates_when_shuffled(stage: Stage, plan: Plan) -> list[float]:
+    """Frames per second of one index list for the whole terrain, seen from far away, z-buffer on (6.1)."""
+    terrain, target = stage.scene.heightfield, stage.target(plan.window_px)
+    width, depth = terrain.extent_m
+    camera = Camera((0.5 * width, 0.9 * width, 1.7 * depth), 0.0, -35.0, 0.0, 60.0)
+    settings = PainterSettings(mode="z-buffer", path="shuffled", depth=0, levels=False, horizon=False)
+    renderer: Any = PainterRenderer(stage.gpu, stage.scene, settings)
+    rates = []
+    for percent in RANDOMNESS:
+        renderer.settings = replace(settings, randomness=float(percent))
+        warm_up(stage, renderer, camera, 0.0, target)
+        times = [time_frame(stage, renderer, camera, 0.0, target)["frame_ms"] for _ in range(plan.frames)]
+        rates.append(1e3 / float(np.median(times)))
+    renderer.release()
+    return rates
+
+
+def _cost_of_depth_writes(stage: Stage, plan: Plan) -> float:
+    """Time of the surface alone with depth written (test: always), over the time without any depth."""
+    target = stage.target(plan.window_px)
+    settings = PainterSettings(depth=max(plan.depths) // 2, levels=False, horizon=False)
+    stage.set_renderer("painter", settings)
+    renderer: Any = stage.renderer
+    spent = {True: 0.0, False: 0.0}
+    for i in range(-1, 2 * plan.frames):  # the first frame is not counted
+        frame = stage.frame(_camera(stage.scene.heightfield, i / plan.frames), plan.window_px)
+        for writes in spent:
+            renderer.writes_depth = writes
+            stage.gpu.ctx.finish()
+            begin = time.perf_counter()
+            stage.draw_output(frame, target)
+            stage.gpu.ctx.finish()
+            spent[writes] += (time.perf_counter() - begin) * (i >= 0)
+    renderer.writes_depth = True
+    return spent[True] / spent[False]
+
+
+def _depth_table(number: int, posts: int, depths: Sequence[int], rates: tuple[Rates, Rates]) -> Table:
+    rows: list[list[Cell]] = []
+    for eye, name in enumerate(("static", "moving")):
+        for label, values in rates[eye].items():
+            rows.append([name, label, *values])
+            paper = PAPER[posts][eye].get(label) if posts in PAPER else None
+            if paper is not None:
+                rows.append([name, f"{label} (paper)", *(paper[d] for d in depths)])
+    columns = ("eye", "order", *(f"depth {d} [fps]" for d in depths))
+    return Table(
+        f"table{number}", f"Table {number}: frames per second, {posts} x {posts} posts", columns, rows,
+        "Paper: AMD Radeon HD6750M, 2011. The orders without a note come from index buffers, one call per tile.",
+    )  # fmt: skip
+
+
+def _depth_plots(posts: int, depths: Sequence[int], rates: tuple[Rates, Rates]) -> Iterator[Plot]:
+    for eye, (figure, name) in enumerate(((16, "static"), (20, "moving"))):
+        series = {label: list(zip(depths, values, strict=True)) for label, values in rates[eye].items()}
+        if posts in PAPER:
+            series |= {
+                f"{mode} (paper)": [(d, PAPER[posts][eye][mode][d]) for d in depths] for mode in MODES
+            }  # fmt: skip
+        title = f"Figure {figure}: {name} eye, {posts} x {posts} posts"
+        yield Plot(f"figure{figure}_{posts}", title, "quadtree depth", "frames per second", series, log_y=True)
+
+
+def _randomness_table(shuffled: dict[int, list[float]]) -> Table:
+    rows: list[list[Cell]] = []
+    for posts, values in shuffled.items():
+        rows.append([f"{posts} x {posts}", *values])
+        if posts in PAPER_RANDOMNESS:
+            rows.append([f"{posts} x {posts} (paper)", *PAPER_RANDOMNESS[posts]])
+    columns = ("posts", *(f"{percent} % [fps]" for percent in RANDOMNESS))
+    return Table("table4", "Table 4: frames per second by randomness of the indices", columns, rows)
+
+
+def _randomness_plots(shuffled: dict[int, list[float]]) -> Iterator[Plot]:
+    for name, title, is_relative in (("figure18a", "Figure 18a", False), ("figure18b", "Figure 18b, relative", True)):
+        series: dict[str, list[tuple[float, float]]] = {}
+        for posts, ours in shuffled.items():
+            for label, values in ((f"{posts}", ours), (f"{posts} (paper)", PAPER_RANDOMNESS.get(posts))):
+                if values is not None:
+                    base = values[0] if is_relative else 1.0
+                    series[label] = [(float(r), v / base) for r, v in zip(RANDOMNESS, values, strict=True)]
+        yield Plot(name, title, "randomness of the indices [%]", "frames per second", series, log_y=not is_relative)
+
+
+def _speed_claims(plan: Plan, rates: dict[int, tuple[Rates, Rates]]) -> Iterator[Claim]:
+    def ratio(eye: int, over: str, under: str, chosen: Sequence[int]) -> list[float]:
+        pairs = [
+            (rates[posts][eye][over][i], rates[posts][eye][under][i])
+            for posts in plan.sizes
+            for i, depth in enumerate(plan.depths[: len(rates[posts][eye][over])])
+            if depth in chosen
+        ]
+        return [a / b for a, b in pairs]
+
+    plateau = [d for d in plan.depths if 3 <= d <= 6] or list(plan.depths)
+    for eye, name, chosen in ((0, "static eye, all depths", plan.depths), (1, "moving eye, depths 3 to 6", plateau)):
+        for suffix in ("", ", by number"):
+            found = ratio(eye, f"correct{suffix}", f"z-buffer{suffix}", chosen)
+            yield Claim(
+                f"correct{suffix} against z-buffer{suffix}, {name}",
+                "as fast" if eye == 0 else "as fast or faster",
+                f"{min(found):.2f} to {max(found):.2f} times as fast, {np.mean(found):.2f} on average",
+                bool(np.mean(found) >= (0.97 if eye == 0 else 1.0)),
+            )
+    first = plan.sizes[0]
+    last, best = rates[first][1], {label: max(values) for label, values in rates[first][1].items()}
+    drop = {label: best[label] / last[label][-1] for label in ("correct", "correct, by number")}
+    deepest = plan.depths[len(last["correct"]) - 1]
+    yield Claim(
+        f"index buffers drop at depth {deepest}, {first} x {first} posts", "57 times slower than at their best",
+        f"{drop['correct']:.1f} times slower", drop["correct"] > 1.5,
+    )  # fmt: skip
+    yield Claim(
+        f"the order by vertex number stays flat to depth {deepest}", "wished for in section 8",
+        f"{drop['correct, by number']:.2f} times slower than at its best", drop["correct, by number"] < 1.5,
+    )  # fmt: skip
+
+
+def _randomness_claim(shuffled: dict[int, list[float]]) -> Claim:
+    found = [values[-1] / values[0] for values in shuffled.values()]
+    return Claim(
+        "random indices halve the frame rate", "0.49 to 0.59 of the rate of ordered ones",
+        f"{min(found):.2f} to {max(found):.2f}", min(found) < 0.65,
+    )  # fmt: skip
+
+
+def _depth_write_claim(found: dict[int, float]) -> Claim:
+    return Claim(
+        "writing depth, so that other things can be hidden, costs little", "not written",
+        f"{100 * (min(found.values()) - 1):+.0f} to {100 * (max(found.values()) - 1):+.0f} % of the frame",
+        max(found.values()) < 1.1,
+    )  # fmt: skip
+
+
+def _picture_claim(gpu: Gpu, eyes: int) -> Claim:
+    pixels, differing = compare_modes(gpu, eyes)
+    return Claim(
+        f"the picture is the depth buffer's, {eyes} eyes", "correct",
+        f"{differing} of {pixels} pixels differ by more than one grey level", differing <= 1e-4 * pixels,
+    )  # fmt: skip
+
+
+def compare_modes(gpu: Gpu, eyes: int, seed: int = 7, size_px: tuple[int, int] = (96, 64)) -> tuple[int, int]:
+    """Pixels drawn in correct mode over rough terrain, and how many differ from z-buffer mode by over a grey level.
+
+    Eyes are inside and around the grid, over posts, edges and bisectors; all paths, with and without levels.
+    """
+    random = np.random.default_rng(seed)
+    row, col = np.indices((97, 130))
+    heights = 90 * np.abs(np.sin(row / 7.0) * np.cos(col / 9.0)) + random.normal(0, 6, row.shape)
+    heights[32:48, 32:65] += 80.0  # cliffs
+    terrain = Heightfield(heights.astype(np.float32), (10.0, 14.0), name="rough")
+    stage = Stage(gpu, open_scene(terrain), "painter", PainterSettings(depth=4))
+    (dx, dz), (width, depth) = terrain.spacing_m, terrain.extent_m
+    differing = 0
+    for eye in range(eyes):
+        u, v = random.uniform(-0.3, 1.3, 2) * (terrain.cols, terrain.rows)
+        if eye % 4 == 1:  # over a post
+            u, v = round(u), round(v)
+        elif eye % 4 == 2:  # over an edge
+            u = round(u)
+        elif eye % 4 == 3:  # over a diagonal
+            v = foot_at(u, v).sum - u
+        x, z = float(u * dx), float(v * dz)
+        ground = float(terrain.heights_at(np.clip(x, 0, width), np.clip(z, 0, depth)))
+        y = ground + float(random.choice([2.0, 20.0, 100.0, 600.0]))
+        camera = Camera((x, y, z), float(random.uniform(0, 360)), float(random.uniform(-60, 15)), 0.0, 60.0)
+        chosen = PainterSettings(
+            path=("procedural", "cells", "indexed")[eye % 3], levels=eye % 2 == 0, tolerance_px=2.0, depth=4
+        )
+        pictures = []
+        for mode in ("correct", "z-buffer"):
+            stage.set_renderer("painter", replace(chosen, mode=mode))
+            pictures.append(stage.render(camera, size_px).astype(np.int16))
+        differing += int((np.abs(pictures[0] - pictures[1]).max(-1) > 1).sum())
+    stage.release()
+    return eyes * size_px[0] * size_px[1], differing
