@@ -1,26 +1,32 @@
-"""A scene: one height field and its pyramid. Pure data; the GPU's copies are made by those who draw it."""
+"""A scene: one height field, its pyramid, and base planes beside it. Pure data; the GPU's copies are made by those who
+draw it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from terrain.heightfield import Heightfield
+from terrain.planes import BasePlane
 from terrain.pyramid import Pyramid, load_pyramid
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What every renderer draws: the terrain and the bounds made from it."""
+    """What every renderer draws: the terrain and the bounds made from it.
+
+    ``planes`` stand beside the terrain; only the ray caster of perturbed base planes draws them.
+    """
 
     heightfield: Heightfield
     pyramid: Pyramid
+    planes: tuple[BasePlane, ...] = ()
 
     def exaggerated(self, factor: float) -> Scene:
         """The same scene with true heights times ``factor``; the pyramid is scaled, not rebuilt."""
         scale = factor / self.heightfield.exaggeration
-        return Scene(self.heightfield.exaggerated(factor), self.pyramid.scaled(scale))
+        return Scene(self.heightfield.exaggerated(factor), self.pyramid.scaled(scale), self.planes)
 
 
-def open_scene(heightfield: Heightfield) -> Scene:
+def open_scene(heightfield: Heightfield, planes: tuple[BasePlane, ...] = ()) -> Scene:
     """The scene of a height field; its pyramid comes from the cache where it was built before."""
-    return Scene(heightfield, load_pyramid(heightfield))
+    return Scene(heightfield, load_pyramid(heightfield), planes)

@@ -1,10 +1,11 @@
-"""Bounds over a height map that let a ray skip what it cannot hit, and the base planes a height map perturbs.
+"""Bounds over a height map that let a ray skip what it cannot hit.
 
 A surface is a base plane plus a scalar perturbation along its normal, ``F = G(v) + n h(G(v))`` (equation 6). The bars
 of the viewing ray are projected onto the base plane and subdivided until the height there decides which half to follow;
 the multilevel height map answers, for a square of 2^l x 2^l cells, how high the perturbation can be.
 
-Map coordinates are ``(u, v, h)``: u in columns, v in rows, h in metres along the plane's normal.
+Map coordinates are ``(u, v, h)``: u in columns, v in rows, h in metres along the base plane's normal
+(`terrain.planes.BasePlane`).
 
 **Source**: S. I. Vyatkin, S. V. Pavlov, S. A. Romanyuk, "Real-time hybrid terrain rendering", sections 2 and 3.
 
@@ -22,20 +23,18 @@ Map coordinates are ``(u, v, h)``: u in columns, v in rows, h in metres along th
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from terrain.heightfield import Heightfield
+from terrain.frame import Frame
 
 Floats = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 Interpolation = Literal["triangles", "bilinear", "bicubic"]
 
-# The paper's T (equation 9): the plane's axes (x along columns, y along the normal, z along rows) to (u, v, h).
-_UVH_FROM_XYZ = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], np.float64)
 _EXACT_LEVEL = 3  # bounds above this level come from the planes of this level: 4 % looser, no full-resolution pass each
 _TOP_NODES = 8  # the coarsest level has at most this many nodes along a side
 _ROUNDING = 4e-7  # float32 arithmetic on the GPU may be wrong by this share of the numbers it adds
@@ -63,62 +62,6 @@ class Bounds:
     widened: tuple[Single, ...]
     cells: tuple[int, int]
     range_m: tuple[float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class BasePlane:
-    """A plane with a rectangular contour, and the height map that perturbs it along its normal.
-
-    Attributes
-    ----------
-    heightfield : Heightfield
-        The perturbation; its axes are the plane's: x along columns, y the normal, z along rows, from post (0, 0).
-    world_from_plane : ndarray of float64, (4, 4)
-        Where the plane stands: an affine map of the plane's metres to world metres.
-
-    Raises
-    ------
-    ValueError
-        If the map is not affine and invertible.
-    """
-
-    heightfield: Heightfield
-    world_from_plane: Floats = field(default_factory=lambda: np.eye(4))
-
-    def __post_init__(self) -> None:
-        m = self.world_from_plane
-        if m.shape != (4, 4) or not np.isfinite(m).all() or not np.array_equal(m[3], [0, 0, 0, 1]):
-            raise ValueError(f"expected an affine map (4, 4), found {m!r}")
-        if abs(np.linalg.det(m)) < 1e-12 * max(np.abs(m[:3, :3]).max(), 1e-300) ** 3:
-            raise ValueError(f"expected an invertible map, found {m!r}")
-
-    @property
-    def map_from_world(self) -> Floats:
-        """G = T M (equation 10): world metres to (u, v, h), columns, rows and metres along the normal."""
-        dx, dz = self.heightfield.spacing_m
-        posts = np.diag([1.0 / dx, 1.0 / dz, 1.0, 1.0])
-        return posts @ _UVH_FROM_XYZ @ np.linalg.inv(self.world_from_plane)
-
-    def corners_m(self) -> Floats:
-        """The eight corners (8, 3) of the space the surface can fill, world metres."""
-        width, depth = self.heightfield.extent_m
-        low, high = float(self.heightfield.heights_m.min()), float(self.heightfield.heights_m.max())
-        corners = np.array(np.meshgrid([0.0, width], [low, high], [0.0, depth], indexing="ij")).reshape(3, 8)
-        return (self.world_from_plane[:3, :3] @ corners + self.world_from_plane[:3, 3:]).T
-
-
-def place_plane(
-    origin_m: tuple[float, float, float], yaw_deg: float = 0.0, tilt_deg: float = 0.0, roll_deg: float = 0.0
-) -> Floats:
-    """A ``world_from_plane``: rolled about its rows' axis, tilted about its columns' axis, turned clockwise, moved."""
-    yaw, tilt, roll = np.radians([-yaw_deg, tilt_deg, roll_deg])
-    about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
-    about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-    about_z = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
-    placed = np.eye(4)
-    placed[:3, :3] = about_y @ about_x @ about_z
-    placed[:3, 3] = origin_m
-    return placed
 
 
 def build_bounds(heights: Single, interpolation: Interpolation = "triangles", *, sloped: bool = True) -> Bounds:
@@ -157,6 +100,51 @@ def build_bounds(heights: Single, interpolation: Interpolation = "triangles", *,
         low, high = low - float(under.max()), high + float(over.max())
     margin = 1e-6 * max(abs(low), abs(high), 1e-3)
     return Bounds(tuple(levels), tuple(widened), (rows, cols), (low - margin, high + margin))
+
+
+def select_nodes(
+    bounds: Bounds, spacing_m: tuple[float, float], frame: Frame, tolerance_px: float
+) -> tuple[Floats, Floats, npt.NDArray[np.int64]]:
+    """Boxes of the nodes in view whose planes are thin enough for ``tolerance_px``, none smaller than 8 x 8 cells.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Of a terrain that lies level at the origin.
+    spacing_m : tuple of float
+        ``(dx, dz)``.
+    frame : Frame
+    tolerance_px : float
+
+    Returns
+    -------
+    lower_m, upper_m : ndarray of float64, (n, 3)
+    level : ndarray of int64, (n,)
+    """
+    top = len(bounds.levels)
+    row, col = (a.ravel() for a in np.indices(bounds.levels[-1].shape[:2]))
+    found: list[tuple[Floats, Floats, npt.NDArray[np.int64]]] = []
+    for level in range(top, min(top, _EXACT_LEVEL) - 1, -1):
+        shape = bounds.levels[level - 1].shape
+        in_grid = (row < shape[0]) & (col < shape[1])
+        row, col = row[in_grid], col[in_grid]
+        node, size = bounds.levels[level - 1][row, col].astype(np.float64), 1 << level
+        slope = node[:, :2] * size
+        west_north = np.stack([col, row], axis=1) * size
+        east_south = np.minimum(west_north + size, bounds.cells[::-1])
+        lower = np.insert(west_north * np.array(spacing_m), 1, node[:, 3] + np.minimum(slope, 0).sum(axis=1), axis=1)
+        upper = np.insert(east_south * np.array(spacing_m), 1, node[:, 2] + np.maximum(slope, 0).sum(axis=1), axis=1)
+        low, high = lower - frame.eye_m, upper - frame.eye_m
+        seen = np.all([(np.where(p > 0, high, low) @ p) >= 0 for p in frame.side_planes], axis=0)
+        distance = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0), axis=1)
+        thin = 0.5 * (node[:, 2] - node[:, 3]) * frame.pixels_per_radian <= tolerance_px * distance
+        stop = seen & (thin | (level == min(top, _EXACT_LEVEL)))
+        found.append((lower[stop], upper[stop], np.full(np.count_nonzero(stop), level, np.int64)))
+        row, col = row[seen & ~stop], col[seen & ~stop]
+        row = (2 * row[:, None] + [0, 0, 1, 1]).ravel()
+        col = (2 * col[:, None] + [0, 1, 0, 1]).ravel()
+    lower, upper, levels = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return lower, upper, levels
 
 
 def _overshoot(heights: Single) -> tuple[Single, Single]:

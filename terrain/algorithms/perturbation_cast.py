@@ -108,7 +108,12 @@ class _Rays:
         highest = np.array([bounds.cells[1], bounds.cells[0], bounds.range_m[1]])
         still = direction == 0.0  # along an axis a ray is between the sides for every t, or for none
         moving = np.where(still, 1.0, direction)
-        sides = np.sort([(lowest - origin) / moving, (highest - origin) / moving], axis=0)
+        at_lowest, at_highest = (lowest - origin) / moving, (highest - origin) / moving
+        # A middle plane may lie half the allowed thickness below everything, and that grows with t.
+        falling = direction[:, 2] + 0.5 * np.asarray(thickness_per_t)
+        far = np.where(falling < 0.0, (lowest[2] - origin[:, 2]) / np.where(falling < 0.0, falling, -1.0), np.inf)
+        at_lowest[:, 2] = np.where(direction[:, 2] < 0.0, far, at_lowest[:, 2])
+        sides = np.sort([at_lowest, at_highest], axis=0)
         between = (lowest <= origin) & (origin <= highest)
         enter = np.where(still, np.where(between, -np.inf, np.inf), sides[0])
         leave = np.where(still, np.inf, sides[1])
@@ -155,7 +160,9 @@ class _Rays:
         is_clear = np.minimum(side * gap0, side * gap1) > 0.0
         root = _root(gap0, gap1, t, t1)
 
-        hit = is_thin & self.is_above[i] & (gap1 <= 0.0)
+        # Middle planes of neighbours do not meet: below one at its rim is a hit too, the step between them.
+        falls = np.where(self.is_above[i], np.minimum(gap0, gap1) <= 0.0, (gap0 > 0.0) & (gap1 <= 0.0))
+        hit = is_thin & falls
         passed = is_clear | (is_thin & ~hit)
         self._finish(i[hit], root[hit])
         self.is_above[i[is_thin]] = gap1[is_thin] > 0.0

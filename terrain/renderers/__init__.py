@@ -4,6 +4,7 @@ from terrain.renderers.base import Renderer
 from terrain.renderers.geomorph import GeomorphRenderer
 from terrain.renderers.multiresolution import MultiresolutionRenderer
 from terrain.renderers.painter import PainterRenderer
+from terrain.renderers.perturbation import PerturbationRenderer
 from terrain.renderers.reference import ReferenceRenderer
 
 _TABLE: tuple[type[Renderer], ...] = (
@@ -11,5 +12,6 @@ _TABLE: tuple[type[Renderer], ...] = (
     GeomorphRenderer,
     MultiresolutionRenderer,
     PainterRenderer,
+    PerturbationRenderer,
 )
 RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in _TABLE}

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from terrain.algorithms.perturbation import BasePlane, build_bounds, place_plane
+from terrain.algorithms.perturbation import build_bounds
 from terrain.algorithms.perturbation_cast import cast_rays, first_descent, surface_at
-from terrain.heightfield import Heightfield
 
 INTERPOLATIONS = ("triangles", "bilinear", "bicubic")
 
@@ -146,7 +145,7 @@ def test_rays_of_every_hostile_kind_meet_the_triangle_they_should(shape, sloped)
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
 def test_smooth_surfaces_are_met_where_marching_meets_them(interpolation):
     heights = rough(9, 12, seed=8)
-    origin, direction = hostile_rays(9, 12, 40, seed=3)
+    origin, direction = hostile_rays(9, 12, 20, seed=3)
     near = np.abs(origin).max(axis=1) < 1e3
     origin, direction = origin[near], direction[near] / np.linalg.norm(direction[near], axis=1, keepdims=True)
     hits = cast_rays(heights, build_bounds(heights, interpolation), origin, direction, interpolation=interpolation)
@@ -167,7 +166,7 @@ def test_smooth_surfaces_are_met_where_marching_meets_them(interpolation):
 
 
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=7))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_first_descent_is_the_first_place_where_the_polynomial_falls_to_zero(coefficients):
     is_above = coefficients[0] > 0
     root, after = first_descent(np.array([coefficients]), np.array([is_above]))
@@ -262,29 +261,12 @@ def test_a_node_is_passed_in_far_fewer_steps_than_it_has_cells():
     assert cast_rays(heights, build_bounds(heights), origin, direction).steps[0] < 200
 
 
-def test_a_placed_plane_maps_its_own_posts_back():
-    heights = rough(5, 7)
-    plane = BasePlane(Heightfield(heights, (2.0, 3.0)), place_plane((1e5, 20.0, -3e6), 30.0, 70.0, 10.0))
-    post = np.array([4.0 * 2.0, heights[3, 4], 3 * 3.0, 1.0])
-    world = plane.world_from_plane @ post
-    np.testing.assert_allclose(plane.map_from_world @ world, [4.0, 3.0, heights[3, 4], 1.0], atol=1e-8)
-    assert np.allclose(plane.world_from_plane[:3, :3] @ plane.world_from_plane[:3, :3].T, np.eye(3))
-
-
-def test_a_wall_tilted_upright_is_hit_by_level_rays():
-    """Tilted by 90 degrees about its columns' axis the plane's normal lies along z: a wall."""
-    wall = BasePlane(Heightfield(np.full((5, 9), 0.25, np.float32), (1.0, 1.0)), place_plane((10.0, 0.0, 20.0), 0, 90))
-    g = wall.map_from_world
-    origin, direction = np.array([12.0, -2.0, 50.0, 1.0]), np.array([0.0, 0.0, -1.0, 0.0])
-    o, d = (g @ origin)[None, :3], (g @ direction)[None, :3]
-    heights = wall.heightfield.heights_m
-    hits = cast_rays(heights, build_bounds(heights), o, d)
-    np.testing.assert_allclose(hits.t, 50.0 - 20.25, rtol=1e-9)
-
-
-def test_a_plane_that_is_no_plane_is_refused():
-    flat = Heightfield(np.zeros((2, 2), np.float32), (1.0, 1.0))
-    with pytest.raises(ValueError, match="invertible"):
-        BasePlane(flat, np.diag([1.0, 0.0, 1.0, 1.0]))
-    with pytest.raises(ValueError, match="affine"):
-        BasePlane(flat, np.full((4, 4), np.nan))
+def test_a_flat_as_low_as_the_map_gets_is_met_at_every_level_of_detail():
+    """A node across the flat's rim is thin far away, and its middle plane dips below the lowest post."""
+    _, u = np.mgrid[0:129, 0:129]
+    heights = np.ascontiguousarray(np.maximum(0, 0.4 * (u - 70)), np.float32)
+    x, z = np.meshgrid(np.linspace(0.3, 127.7, 60), np.linspace(0.3, 127.7, 60))
+    target = np.stack([x.ravel(), z.ravel(), surface_at(heights, "triangles", x.ravel(), z.ravel())], axis=1)
+    origin = np.tile([-900.0, 64.0, 400.0], (len(target), 1))
+    hits = cast_rays(heights, build_bounds(heights), origin, target - origin, thickness_per_t=8.0)
+    assert np.isfinite(hits.t[np.abs(x.ravel() - 64) < 60]).all()
