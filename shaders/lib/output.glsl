@@ -21,7 +21,7 @@ out vec4 out_colour;
 // position_m: relative to the eye (only read where NEEDS_POSITION); ground: coordinate of the ground textures.
 void write_surface(vec3 position_m, vec2 ground, float level) {
 #if (defined(HOLES) || defined(OUTPUT_LEVELS)) && !defined(OUTPUT_SHADED)
-    vec4 baked = texture(u_ground, ground);
+    vec4 baked = textureLod(u_ground, ground, 0.0);
 #endif
 #if defined(HOLES) && !defined(OUTPUT_SHADED)
     if (baked.a < 0.5) discard;
