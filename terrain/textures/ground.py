@@ -11,6 +11,7 @@ A frame only fetches (mip-nearest), whatever the level of detail of the geometry
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import moderngl
 import numpy as np
@@ -26,6 +27,7 @@ from terrain.textures.drape import DrapeImage
 from terrain.textures.palettes import read_palette
 
 NADIR = Frame(Camera((0.0, 0.0, 0.0)), (1, 1))  # a bake has no camera
+NONE: Mapping[str, int] = {}
 COARSE_TEXELS = 512  # per side at most: where shadows and open sky are found
 
 
@@ -124,11 +126,11 @@ class Ground:
             _finish_mips(self._lit_image)
 
     def _pass(
-        self, fragment: str, into: moderngl.Texture, uniforms: dict[str, object], defines: dict[str, int] | None = None
+        self, fragment: str, into: moderngl.Texture, uniforms: Mapping[str, object], defines: Mapping[str, int] = NONE
     ) -> None:
         """Fill every texel of a texture."""
         ctx = self._gpu.ctx
-        program = self._gpu.programs.get("fullscreen", fragment, defines or {})
+        program = self._gpu.programs.get("fullscreen", fragment, defines)
         for name, value in uniforms.items():
             program[name] = value
         framebuffer = ctx.framebuffer([into])

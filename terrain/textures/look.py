@@ -40,8 +40,9 @@ class LookSettings:
         unit="km", range=(0.0, 500.0),
     )  # fmt: skip
     fog_height_m: float = setting(
-        0.0, "Haze height", "Height over which haze thins out; 0 adapts it to the relief.", unit="m", range=(0.0, 5000.0)
-    )
+        0.0, "Haze height", "Height over which haze thins out; 0 adapts it to the relief.",
+        unit="m", range=(0.0, 5000.0),
+    )  # fmt: skip
     contours: bool = setting(False, "Contour lines", "Lines of equal height; every fifth is bold.")
     contour_interval_m: float = setting(
         0.0, "Contour interval", "Height between lines; 0 adapts it to the relief.", unit="m", range=(0.0, 1000.0)
