@@ -34,6 +34,7 @@ from terrain.views import Overlays, View, overdraw_figures
 
 # Views of what a fragment writes; all others draw over the shaded picture.
 _OUTPUTS: dict[View, Output] = {"levels": "levels", "normals": "normals", "overdraw": "overdraw"}
+LEAST_NEAR_M = 1e-4
 _BACKDROP = (0.09, 0.10, 0.12, 1.0)  # behind the terrain where there is no sky
 
 
@@ -153,7 +154,7 @@ class Stage:
         clearance_m = abs(float(y - terrain.heights_at(x, z)))
         if not math.isfinite(clearance_m):
             clearance_m = spacing_m
-        return max(min(0.1 * clearance_m, 0.01 * spacing_m), 1e-4 * spacing_m)
+        return max(min(0.1 * clearance_m, 0.01 * spacing_m), LEAST_NEAR_M)
 
     def target(self, size_px: tuple[int, int], kind: Kind = "colour") -> Target:
         """The stage's own target of a kind, made again when the size changes."""

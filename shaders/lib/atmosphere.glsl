@@ -9,13 +9,14 @@ vec3 sky_colour(vec3 ray) {
 }
 
 #ifdef FOG
-// Haze between the eye and a point: the exact integral of a density that falls off exponentially with height,
-// density_eye * distance * (1 - exp(-x)) / x with x = falloff * rise. Its colour is that of the sky at the horizon.
+// Haze between the eye and a point: the integral of a density that falls off exponentially with height, which is
+// distance * (density_eye - density_point) / (falloff * rise). Its colour is that of the sky at the horizon.
 vec3 apply_fog(vec3 colour, vec3 position_m) {
     float distance_m = length(position_m);
     float x = u_fog.z * position_m.y;
-    float mean = abs(x) < 1e-2 ? 1.0 - 0.5 * x : (1.0 - exp(-x)) / x;
-    float clear = exp(-u_fog.w * distance_m * mean);
+    float at_point = u_fog.x * exp(-u_fog.z * max(height_of(position_m.y) - u_fog.y, 0.0));
+    float mean = abs(x) < 1e-2 ? 0.5 * (u_fog.w + at_point) : (u_fog.w - at_point) / x;
+    float clear = exp(-distance_m * max(mean, 0.0));
     float towards_sun = max(dot(position_m, u_sun.xyz) / distance_m, 0.0);
     vec3 haze = u_horizon.rgb + u_sunlight.rgb * (0.05 * towards_sun * towards_sun * towards_sun);
     return mix(haze, colour, clear);

@@ -16,5 +16,5 @@ vec3 ground_light(vec3 normal, vec2 ground) {
 
 // Linear to display: a shoulder keeps snow in the sun from burning out.
 vec3 display_colour(vec3 linear) {
-    return sqrt(linear / (1.0 + 0.18 * linear * linear));
+    return sqrt(linear / (1.0 + 0.15 * linear * linear));
 }

@@ -154,7 +154,7 @@ def _fit_affine(
     terrain_crs = CRS.from_user_input(place.crs)
     if terrain_crs != crs:
         map_x, map_y = (np.asarray(v) for v in transform(terrain_crs, crs, map_x, map_y))
-    pixel_col, pixel_row = ~map_from_pixel * (map_x, map_y)
+    pixel_col, pixel_row = _apply(~map_from_pixel, map_x, map_y)
     exact = np.stack([pixel_col / full_size[0], pixel_row / full_size[1]], axis=1)
     if not np.isfinite(exact).all():
         raise np.linalg.LinAlgError("the terrain has no place in the image's coordinate system")
@@ -162,6 +162,17 @@ def _fit_affine(
     solution, *_ = np.linalg.lstsq(posts, exact, rcond=None)
     off = np.abs(posts @ solution - exact) * [shape[1], shape[0]]
     return solution.T, float(off.max())
+
+
+def _apply(matrix: Any, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> tuple[Any, Any]:
+    """An affine matrix on arrays of coordinates."""
+    return matrix.a * x + matrix.b * y + matrix.c, matrix.d * x + matrix.e * y + matrix.f
+
+
+def _compose(outer: Any, inner: Any) -> Any:
+    """The affine matrix that applies ``inner``, then ``outer``: affine 2 multiplies with ``*``, affine 3 with ``@``."""
+    product = np.reshape(outer, (3, 3)) @ np.reshape(inner, (3, 3))
+    return type(outer)(*product[:2].ravel().tolist())
 
 
 def _warp(
@@ -191,11 +202,11 @@ def _warp(
     step = (high - low) / size
     a, b, c, d, e, f = place.map_from_post
     post_from_texel = Affine(step[0], 0, low[0], 0, step[1], low[1])
-    scaled = map_from_pixel * Affine.scale(full_size[0] / pixels.shape[1], full_size[1] / pixels.shape[0])
+    scaled = _compose(map_from_pixel, Affine.scale(full_size[0] / pixels.shape[1], full_size[1] / pixels.shape[0]))
     warped = np.zeros((4, size[1], size[0]), np.uint8)
     reproject(
         np.ascontiguousarray(np.moveaxis(pixels, -1, 0)), warped, src_transform=scaled, src_crs=crs,
-        dst_transform=Affine(a, b, c, d, e, f) * post_from_texel, dst_crs=CRS.from_user_input(place.crs),
+        dst_transform=_compose(Affine(a, b, c, d, e, f), post_from_texel), dst_crs=CRS.from_user_input(place.crs),
         resampling=Resampling.bilinear,
     )  # fmt: skip
     exact = np.array([[1 / (step[0] * size[0]), 0, 0], [0, 1 / (step[1] * size[1]), 0]])

@@ -81,7 +81,8 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield, drape: DrapeImag
     relief_m = max(high - low, 1.0)
     sunlight, sky_light, zenith, horizon, haze = _sky_colours(look.sun_elevation_deg)
     visibility_m = 1e3 * look.visibility_km or 1.6 * math.hypot(*heightfield.extent_m)
-    fog_height_m = (look.fog_height_m or 0.6 * relief_m / heightfield.exaggeration) * heightfield.exaggeration
+    thin_m = max(0.6 * relief_m, 0.01 * math.hypot(*heightfield.extent_m))
+    fog_height_m = look.fog_height_m * heightfield.exaggeration or thin_m
     interval_m = look.contour_interval_m or automatic_interval_m(relief_m / heightfield.exaggeration)
     across = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
     if drape is not None:
@@ -96,7 +97,7 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield, drape: DrapeImag
         fog_colour=(*haze, 1.0),
         fog=(VISIBLE_CONTRAST / visibility_m, low, 1.0 / fog_height_m, 0.0),
         contour=(interval_m * heightfield.exaggeration, BOLD_EVERY, 1.0, heightfield.exaggeration),
-        water=(look.water_level_m * heightfield.exaggeration, 0.02 * relief_m, 0.0, 0.0),
+        water=(look.water_level_m * heightfield.exaggeration, min(0.003 * relief_m, 4.0), 0.0, 0.0),
         drape=across,
     )
 
@@ -107,11 +108,11 @@ def _sky_colours(elevation_deg: float) -> tuple[tuple[float, ...], ...]:
     table = np.array(
         [
             # sunlight            sky light           zenith              horizon             haze
-            [[0.55, 0.16, 0.05], [0.20, 0.21, 0.33], [0.10, 0.15, 0.32], [0.80, 0.47, 0.34], [0.42, 0.33, 0.37]],
-            [[1.35, 0.62, 0.25], [0.24, 0.27, 0.39], [0.15, 0.24, 0.46], [0.91, 0.66, 0.47], [0.60, 0.49, 0.47]],
-            [[1.75, 1.22, 0.74], [0.28, 0.34, 0.46], [0.19, 0.36, 0.63], [0.86, 0.80, 0.70], [0.68, 0.67, 0.65]],
-            [[1.85, 1.58, 1.22], [0.32, 0.40, 0.53], [0.21, 0.43, 0.73], [0.78, 0.86, 0.92], [0.66, 0.74, 0.81]],
-            [[1.80, 1.66, 1.45], [0.34, 0.43, 0.56], [0.19, 0.42, 0.76], [0.76, 0.86, 0.94], [0.65, 0.75, 0.84]],
+            [[0.55, 0.16, 0.05], [0.14, 0.15, 0.24], [0.10, 0.15, 0.32], [0.80, 0.47, 0.34], [0.42, 0.33, 0.37]],
+            [[1.35, 0.62, 0.25], [0.16, 0.18, 0.28], [0.15, 0.24, 0.46], [0.91, 0.66, 0.47], [0.60, 0.49, 0.47]],
+            [[1.75, 1.22, 0.74], [0.17, 0.21, 0.31], [0.19, 0.36, 0.63], [0.86, 0.80, 0.70], [0.68, 0.67, 0.65]],
+            [[1.85, 1.58, 1.22], [0.18, 0.24, 0.34], [0.21, 0.43, 0.73], [0.78, 0.86, 0.92], [0.66, 0.74, 0.81]],
+            [[1.80, 1.66, 1.45], [0.20, 0.26, 0.37], [0.19, 0.42, 0.76], [0.76, 0.86, 0.94], [0.65, 0.75, 0.84]],
         ]
     )
     flat = table.reshape(len(at), -1)

@@ -1,0 +1,259 @@
+"""The look: light, palettes, water, contours and draped images, on terrains whose answer is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from rasterio.transform import from_origin
+
+from terrain.camera import Camera
+from terrain.errors import InputError
+from terrain.heightfield import Georeference, Heightfield
+from terrain.scene import open_scene
+from terrain.stage import Stage
+from terrain.textures.drape import read_drape
+from terrain.textures.look import LookSettings, automatic_interval_m, shading_defines, sun_direction
+from terrain.textures.palettes import PALETTES, read_palette
+
+SIZE_PX = (160, 120)
+CLEAR = LookSettings(fog=False)
+UTM = Georeference("EPSG:32633", (10.0, 0.0, 500_000.0, 0.0, -10.0, 5_000_000.0))
+
+
+def field(heights, spacing_m=10.0, **others):
+    return Heightfield(np.ascontiguousarray(heights, np.float32), (spacing_m, spacing_m), **others)
+
+
+def ramp(posts=65, rise=0.4):
+    """Rises to the east."""
+    return field(np.tile(np.arange(posts) * 10.0 * rise, (posts, 1)))
+
+
+@pytest.fixture
+def staged(gpu):
+    made = []
+
+    def make(terrain, look=CLEAR, algorithm="reference"):
+        made.append(Stage(gpu, open_scene(terrain), algorithm, look=look))
+        return made[-1]
+
+    yield make
+    for stage in made:
+        stage.release()
+
+
+def from_above(terrain, height_m=800.0):
+    width_m, depth_m = terrain.extent_m
+    return Camera((width_m / 2, terrain.height_range_m[1] + height_m, depth_m / 2), 0.0, -90.0, fov_deg=30.0)
+
+
+def lightness(colours):
+    """CIE L* of sRGB (..., 3) uint8."""
+    linear = np.where(colours / 255 <= 0.04045, colours / 255 / 12.92, ((colours / 255 + 0.055) / 1.055) ** 2.4)
+    y = linear @ [0.2126, 0.7152, 0.0722]
+    return np.where(y > 0.008856, 116 * np.cbrt(y) - 16, 903.3 * y)
+
+
+@pytest.mark.parametrize("name", PALETTES)
+def test_palettes_are_complete(name):
+    palette = read_palette(name)
+    assert palette.colours.shape == (2, 256, 3)
+    assert palette.title
+    assert palette.help.endswith(".")
+
+
+@pytest.mark.parametrize("name", ["atlas", "cividis", "desert", "plaster"])
+def test_lightness_of_measuring_palettes_rises_so_that_colour_blind_eyes_can_read_them(name):
+    rise = np.diff(lightness(read_palette(name).colours[0][::8].astype(float)))
+    assert rise.min() >= 0.0
+
+
+@given(st.floats(0, 360), st.floats(0, 90))
+def test_sun_direction_is_a_unit_vector_of_that_elevation(azimuth, elevation):
+    x, y, z = sun_direction(replace(CLEAR, sun_azimuth_deg=azimuth, sun_elevation_deg=elevation))
+    assert np.isclose(x * x + y * y + z * z, 1.0)
+    assert np.isclose(y, np.sin(np.radians(elevation)))
+
+
+def test_the_sun_stands_where_the_compass_says():
+    east = sun_direction(replace(CLEAR, sun_azimuth_deg=90.0, sun_elevation_deg=0.0))
+    assert np.allclose(east, (1, 0, 0), atol=1e-9)
+    south = sun_direction(replace(CLEAR, sun_azimuth_deg=180.0, sun_elevation_deg=0.0))
+    assert np.allclose(south, (0, 0, 1), atol=1e-9)
+
+
+@given(st.floats(0.01, 9000))
+def test_automatic_contours_are_round_and_neither_few_nor_many(relief_m):
+    interval = automatic_interval_m(relief_m)
+    assert 8 <= relief_m / interval <= 32
+    mantissa = interval / 10 ** np.floor(np.log10(interval) + 1e-9)
+    assert np.isclose(mantissa, [1, 2, 5, 10]).any()
+
+
+def test_what_is_off_is_not_compiled():
+    assert shading_defines(replace(CLEAR, contours=False), None) == {}
+    assert shading_defines(LookSettings(fog=True, contours=True), None) == {"FOG": 1, "CONTOURS": 1}
+
+
+def test_a_slope_is_brighter_with_the_sun_on_it(staged):
+    stage = staged(ramp())
+    camera = from_above(stage.scene.heightfield)
+    brightness = {}
+    for azimuth in (90.0, 270.0):
+        stage.set_look(replace(CLEAR, sun_azimuth_deg=azimuth))
+        brightness[azimuth] = stage.render(camera, SIZE_PX).mean()
+    assert brightness[270.0] > brightness[90.0] + 25  # the ramp rises to the east: it faces west
+
+
+def test_a_wall_casts_a_shadow_away_from_the_sun(staged):
+    heights = np.zeros((129, 129))
+    heights[:, 60:64] = 150.0
+    stage = staged(field(heights), replace(CLEAR, palette="plaster", sun_azimuth_deg=270.0, sun_elevation_deg=40.0))
+    picture = stage.render(from_above(stage.scene.heightfield, 2000.0), (200, 200)).mean(axis=-1)
+    west, east = picture[100, 60:80].mean(), picture[100, 108:116].mean()
+    assert east < west - 40
+
+
+def test_light_does_not_change_with_level_of_detail(staged):
+    rng = np.random.default_rng(3)
+    terrain = field(rng.normal(0, 0.02, (129, 129)).cumsum(0).cumsum(1))
+    pictures = []
+    for tolerance in (0.25, 16.0):
+        stage = staged(terrain, algorithm="geomorph")
+        stage.set_renderer("geomorph", replace(stage.renderer.settings, tolerance_px=tolerance))
+        pictures.append(stage.render(from_above(terrain, 2600.0), SIZE_PX).astype(int))
+        drawn = stage.renderer.stats.triangles
+        pictures.append(drawn)
+    assert pictures[1] > pictures[3]  # other triangles
+    difference = np.abs(pictures[0] - pictures[2]).mean()
+    assert difference < 2.0
+
+
+def test_water_covers_exactly_what_lies_below_its_level(staged):
+    terrain = ramp(129)
+    level_m = 250.0
+    stage = staged(terrain)
+    camera = from_above(terrain, 1500.0)
+    world = stage.positions(camera, SIZE_PX)
+    dry = stage.render(camera, SIZE_PX).astype(int)
+    stage.set_look(replace(CLEAR, water=True, water_level_m=level_m))
+    wet = stage.render(camera, SIZE_PX).astype(int)
+    changed = np.abs(wet - dry).max(axis=-1) > 4
+    inside = np.isfinite(world[..., 0])
+    assert not changed[inside & (world[..., 1] > level_m + 1.0)].any()
+    assert changed[inside & (world[..., 1] < level_m - 15.0)].all()
+
+
+def test_contours_lie_at_multiples_of_their_interval(staged):
+    terrain = ramp(129)
+    stage = staged(terrain)
+    camera = from_above(terrain, 600.0)
+    world = stage.positions(camera, SIZE_PX)[60]
+    plain = stage.render(camera, SIZE_PX)[60].astype(int)
+    stage.set_look(replace(CLEAR, contours=True, contour_interval_m=20.0))
+    lined = stage.render(camera, SIZE_PX)[60].astype(int)
+    off_m = np.abs((world[:, 1] + 10.0) % 20.0 - 10.0)
+    per_px_m = np.abs(np.gradient(world[:, 1]))
+    cover = np.abs(lined - plain).max(axis=-1)
+    assert (cover[off_m > 2.5 * per_px_m] <= 2).all()
+    assert (cover[off_m < 0.4 * per_px_m] > 15).all()
+    assert (off_m < 0.4 * per_px_m).sum() >= 3
+
+
+def test_fog_takes_more_of_what_is_far(staged):
+    stage = staged(field(np.zeros((129, 129)), 1000.0))
+    camera = Camera((64_000.0, 800.0, 128_000.0), 0.0, -10.0)
+    clear = stage.render(camera, SIZE_PX).astype(int)
+    stage.set_look(LookSettings(fog=True, visibility_km=60.0))
+    hazy = stage.render(camera, SIZE_PX).astype(int)
+    change = np.abs(hazy - clear).sum(axis=-1)[:, 80]
+    assert change[45] > change[115] + 30  # towards the horizon, at the foot of the picture
+
+
+def image(path, size=(8, 8)):
+    """Red in the north-west quarter, blue elsewhere."""
+    pixels = np.zeros((size[1], size[0], 3), np.uint8)
+    pixels[..., 2] = 255
+    pixels[: size[1] // 2, : size[0] // 2] = (255, 0, 0)
+    Image.fromarray(pixels).save(path)
+    return pixels
+
+
+def test_an_image_without_place_covers_the_whole_terrain(staged, tmp_path):
+    image(tmp_path / "map.png", (64, 64))
+    terrain = field(np.zeros((65, 65)))
+    drape = read_drape(tmp_path / "map.png", terrain)
+    assert any("covers the whole terrain" in note for note in drape.notes)
+    stage = staged(terrain)
+    stage.set_drape(drape)
+    picture = stage.render(Camera((320.0, 700.0, 320.0), 0.0, -90.0, fov_deg=45.0), (100, 100))
+    assert picture[20, 20, 0] > 2 * picture[20, 20, 2]
+    for row, col in ((20, 80), (80, 20), (80, 80)):
+        assert picture[row, col, 2] > 2 * picture[row, col, 0]
+
+
+def georeferenced(path, pixels, transform, crs):
+    with rasterio.open(
+        path, "w", driver="GTiff", width=pixels.shape[1], height=pixels.shape[0], count=3, dtype="uint8",
+        crs=crs, transform=transform,
+    ) as out:  # fmt: skip
+        out.write(np.moveaxis(pixels, -1, 0))
+
+
+def test_a_georeferenced_image_lies_where_it_says_and_may_cover_a_part(tmp_path):
+    terrain = field(np.zeros((101, 101)), georeference=UTM)
+    georeferenced(tmp_path / "a.tif", np.full((50, 50, 3), 9, np.uint8), from_origin(500_500, 4_999_900, 10, 10), 32633)
+    drape = read_drape(tmp_path / "a.tif", terrain)
+    # The image's north-west corner is post (col 50, row 10), its south-east one (100, 60).
+    corners = np.array([[50, 10, 1], [100, 60, 1]]) @ drape.image_from_post.T
+    assert np.allclose(corners, [[0, 0], [1, 1]], atol=1e-9)
+    assert any("covers 25%" in note or "covers 26%" in note or "covers 24%" in note for note in drape.notes)
+
+
+def test_an_image_in_another_coordinate_system_is_laid_where_it_belongs(tmp_path):
+    from rasterio.warp import transform
+
+    posts = 801  # 64 km: degrees and metres disagree by more than a texel
+    terrain = field(np.zeros((posts, posts)), 80.0, georeference=Georeference(
+        "EPSG:32633", (80.0, 0.0, 400_000.0, 0.0, -80.0, 6_600_000.0)))  # fmt: skip
+    (west, east), (north, south) = transform(32633, 4326, [400_000, 464_000], [6_600_000, 6_536_000])
+    size = 600
+    step_x, step_y = (east - west + 0.2) / size, (north - south + 0.1) / size
+    col, row = np.meshgrid(np.arange(size), np.arange(size))
+    pixels = np.stack([(col * 255 / size), (row * 255 / size), 0 * col], axis=-1).astype(np.uint8)
+    georeferenced(tmp_path / "b.tif", pixels, from_origin(west - 0.1, north + 0.05, step_x, step_y), 4326)
+    drape = read_drape(tmp_path / "b.tif", terrain)
+    assert any("Warped" in note for note in drape.notes)
+    for post in ((100, 100), (400, 700), (790, 20)):
+        u, v = drape.image_from_post @ (*post, 1)
+        seen = drape.pixels[int(v * drape.pixels.shape[0]), int(u * drape.pixels.shape[1])]
+        lon, lat = transform(32633, 4326, [400_000 + 80 * post[0]], [6_600_000 - 80 * post[1]])
+        expected = ((lon[0] - west + 0.1) / step_x * 255 / size, (north + 0.05 - lat[0]) / step_y * 255 / size)
+        assert np.abs(seen[:2] - np.array(expected)).max() < 2.0
+
+
+def test_an_image_beside_the_terrain_is_refused(tmp_path):
+    terrain = field(np.zeros((101, 101)), georeference=UTM)
+    georeferenced(tmp_path / "c.tif", np.full((9, 9, 3), 9, np.uint8), from_origin(600_000, 4_000_000, 10, 10), 32633)
+    with pytest.raises(InputError, match="beside the terrain"):
+        read_drape(tmp_path / "c.tif", terrain)
+
+
+def test_an_image_above_the_limit_is_downsampled_with_a_note(tmp_path):
+    image(tmp_path / "big.png", (300, 200))
+    drape = read_drape(tmp_path / "big.png", field(np.zeros((9, 9))), most_texels=100)
+    assert drape.pixels.shape == (67, 100, 4)
+    assert any("Downsampled from 300 x 200" in note for note in drape.notes)
+
+
+def test_a_file_that_is_no_image_is_refused_in_one_line(tmp_path):
+    (tmp_path / "no.png").write_text("nothing")
+    with pytest.raises(InputError, match=r"no\.png") as caught:
+        read_drape(tmp_path / "no.png", field(np.zeros((9, 9))))
+    assert "\n" not in str(caught.value)
