@@ -35,7 +35,7 @@ COARSEST_LEVEL = 7  # ... to 128
 SPLIT_RATIO = 16.0  # a patch nearer than this many times its size is split: its far end is 9 % farther at most
 MICROSTRUCTURE_SHARE = 0.15  # the paper: "about 15 % of the reference grid cells exhibit morphologically complex parts"
 PREVIEW_STRIDE = 4
-CACHE_VERSION = 2
+CACHE_VERSION = 3
 
 Bools = npt.NDArray[np.bool_]
 

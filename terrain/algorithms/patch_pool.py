@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.multiresolution import FINEST_LEVEL, ApproximationTree
-from terrain.algorithms.rtin import surface_weights
 from terrain.algorithms.rtin_mesh import Patches, extract_meshes
 from terrain.algorithms.tin import greedy_tin
 from terrain.algorithms.walls import build_walls
@@ -151,12 +150,8 @@ class PatchPool:
         north, west = row << level, col << level
         size = 1 << level
         inside = (slice(north, north + size + 1), slice(west, west + size + 1))
-        around = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in inside)  # weights look one post beyond
-        weights = surface_weights(terrain.heights_m[around], terrain.spacing_m)
-        offset = [s.start - a.start for s, a in zip(inside, around, strict=True)]
-        weights = weights[offset[0] : offset[0] + size + 1, offset[1] : offset[1] + size + 1]
         error_m = float(rtin.ladder.error_m(rung))
-        tin = greedy_tin(terrain.heights_m[inside], weights, rtin.drop_rung[inside] > rung, error_m, MAX_TIN_POINTS)
+        tin = greedy_tin(terrain.heights_m[inside], rtin.drop_rung[inside] > rung, error_m, MAX_TIN_POINTS)
         if tin is None or 3 * len(tin.triangles) >= self._lengths[slot]:
             return
         posts = (tin.row.astype(np.int64) + north) * rtin.drop_rung.shape[1] + tin.col.astype(np.int64) + west

@@ -15,9 +15,7 @@ easy", Visualization 2001.
 
 **Deviations** The error of a triangle is the exact maximum over every post it covers, not the deviation at its
 midpoint: the midpoint alone delivers 1.5 to 1.6 times the error asked for. (The vertical distance of two nested
-surfaces is largest at posts.) It is measured towards the surface rather than vertically: distance times the upward
-component of the surface's normal, with that component never below `STEEPEST`, so that a bound on the vertical distance
-follows from it.
+surfaces is largest at posts.)
 """
 
 from __future__ import annotations
@@ -31,9 +29,6 @@ import numpy.typing as npt
 
 Grid = npt.NDArray[np.float32]
 Rungs = npt.NDArray[np.uint8]
-
-STEEPEST = 0.5
-"""Least weight of a vertical distance. A vertical distance is thus at most 1 / STEEPEST times the error."""
 
 STEPS_PER_OCTAVE = 8
 """Rungs to a doubling of the error: each allows 9 % more than the one before."""
@@ -99,33 +94,6 @@ def padded_shape(rows: int, cols: int, top_level: int) -> tuple[int, int]:
     return -(-(rows - 1) // size) * size + 1, -(-(cols - 1) // size) * size + 1
 
 
-def surface_weights(heights_m: Grid, spacing_m: tuple[float, float]) -> Grid:
-    """How much a vertical distance at each post counts: the largest upward normal component around it.
-
-    Parameters
-    ----------
-    heights_m : ndarray of float32, (rows, cols)
-    spacing_m : tuple of float
-        Metres between columns and between rows.
-
-    Returns
-    -------
-    ndarray of float32, (rows, cols)
-        In STEEPEST .. 1.
-    """
-    dx, dz = (np.float32(s) for s in spacing_m)
-    east, south = np.diff(heights_m, axis=1) / dx, np.diff(heights_m, axis=0) / dz
-    east *= east
-    south *= south
-    # The two triangles of a cell have one north-south and one east-west leg each; pairing the flatter legs never
-    # overrates the slope, whichever way the cell is cut.
-    steepness = np.minimum(east[:-1], east[1:]) + np.minimum(south[:, :-1], south[:, 1:])
-    flattest = np.full(heights_m.shape, np.inf, np.float32)
-    for corner in (flattest[:-1, :-1], flattest[:-1, 1:], flattest[1:, :-1], flattest[1:, 1:]):
-        np.minimum(corner, steepness, out=corner)
-    return np.maximum(1.0 / np.sqrt(1.0 + flattest), np.float32(STEEPEST))
-
-
 def build_rtin(heights_m: Grid, spacing_m: tuple[float, float], top_level: int) -> Rtin:
     """The rungs of a grid of posts.
 
@@ -142,7 +110,6 @@ def build_rtin(heights_m: Grid, spacing_m: tuple[float, float], top_level: int) 
     padded_rows, padded_cols = padded_shape(rows, cols, top_level)
     scale = max(float(np.abs(heights_m).max()), float(np.finfo(np.float32).tiny))
     ladder = Ladder(exact_m=scale * 2.0**-21, base_m=max(float(min(spacing_m)) / 256.0, scale * 2.0**-20))
-    weights = surface_weights(heights_m, spacing_m)
     drop_rung = np.zeros((padded_rows, padded_cols), np.uint8)
     drop_rung[::size, ::size] = 255
 
@@ -151,8 +118,10 @@ def build_rtin(heights_m: Grid, spacing_m: tuple[float, float], top_level: int) 
         last = min(first + size + 1, rows)
         pad = ((0, first + size + 1 - last), (0, padded_cols - cols))
         posts = np.pad(heights_m[first:last], pad, mode="edge")
-        weight = np.pad(weights[first:last], pad)  # zero past the edges: nothing is drawn there
-        return [_cell_rungs(posts, weight, 1 << level, first >> level, ladder) for level in range(1, top_level + 1)]
+        inside = None
+        if any(width for pair in pad for width in pair):  # past the edges nothing is drawn
+            inside = np.pad(np.ones((last - first, cols), np.float32), pad)
+        return [_cell_rungs(posts, inside, 1 << level, first >> level, ladder) for level in range(1, top_level + 1)]
 
     starts = range(0, padded_rows - 1, size)
     with ThreadPoolExecutor() as pool:  # numpy releases the GIL inside the bands
@@ -217,7 +186,7 @@ def _corner_weights(size: int) -> tuple[Grid, Grid, Grid]:
     return nw_se.astype(np.float32), sw_ne.astype(np.float32), fan.astype(np.float32)
 
 
-def _cell_rungs(posts: Grid, weight: Grid, size: int, first_row: int, ladder: Ladder) -> list[Rungs]:
+def _cell_rungs(posts: Grid, inside: Grid | None, size: int, first_row: int, ladder: Ladder) -> list[Rungs]:
     """Rungs of the centres and the north, south, west and east midpoints of all cells of ``size`` posts in a band."""
     n_rows, n_cols = (posts.shape[0] - 1) // size, (posts.shape[1] - 1) // size
     count = n_rows * n_cols
@@ -229,7 +198,7 @@ def _cell_rungs(posts: Grid, weight: Grid, size: int, first_row: int, ladder: La
         windows = np.lib.stride_tricks.sliding_window_view(grid, (size + 1, size + 1))[::size, ::size]
         return windows.reshape(count, (size + 1) ** 2)
 
-    height, importance = cells(posts), cells(weight)
+    height, counts = cells(posts), None if inside is None else cells(inside)
     height = height - height[:, :1]  # relative to a corner: small numbers keep their digits
     knots = [0, size, size * (size + 1), size * (size + 2), (size // 2) * (size + 2)]
     corners = np.ascontiguousarray(height[:, knots])
@@ -237,7 +206,8 @@ def _cell_rungs(posts: Grid, weight: Grid, size: int, first_row: int, ladder: La
     distance = corners @ fan
     distance -= height
     np.abs(distance, out=distance)
-    distance *= importance
+    if counts is not None:
+        distance *= counts
     sides = np.maximum.reduceat(distance[:, fan_posts], fan_starts, axis=1)
 
     odd = (np.add.outer(np.arange(n_rows) + first_row, np.arange(n_cols)) % 2 == 1).ravel()
@@ -245,6 +215,7 @@ def _cell_rungs(posts: Grid, weight: Grid, size: int, first_row: int, ladder: La
     distance[odd] = corners[odd, :4] @ sw_ne
     distance -= height
     np.abs(distance, out=distance)
-    distance *= importance
+    if counts is not None:
+        distance *= counts
     rungs = ladder.first_without(np.concatenate([distance.max(axis=1)[:, None], sides], axis=1))
     return list(rungs.reshape(n_rows, n_cols, 5).transpose(2, 0, 1))

@@ -48,7 +48,7 @@ class Tin(NamedTuple):
     triangles: Ints
 
 
-def greedy_tin(heights_m: Grid, weights: Grid, rim: Bools, error_m: float, max_points: int) -> Tin | None:
+def greedy_tin(heights_m: Grid, rim: Bools, error_m: float, max_points: int) -> Tin | None:
     """The TIN of a square of posts that departs nowhere from the surface by more than ``error_m``.
 
     Parameters
@@ -56,8 +56,6 @@ def greedy_tin(heights_m: Grid, weights: Grid, rim: Bools, error_m: float, max_p
     heights_m : ndarray of float32, (n + 1, n + 1)
         Posts of the patch. Its first post lies on an even row and column of the terrain, so that the diagonals
         alternate as there.
-    weights : ndarray of float32, (n + 1, n + 1)
-        What a vertical distance counts at each post (`rtin.surface_weights`).
     rim : ndarray of bool, (n + 1, n + 1)
         The posts of the rim to be vertices; only the outermost rows and columns are read. Corners always are.
     error_m : float
@@ -69,7 +67,7 @@ def greedy_tin(heights_m: Grid, weights: Grid, rim: Bools, error_m: float, max_p
     Tin or None
         None where ``max_points`` points, or the rim, do not allow ``error_m``.
     """
-    fit = _Fit(heights_m, weights, scale=1)
+    fit = _Fit(heights_m, scale=1)
     fit.add_rim(rim)
     size = len(heights_m) - 1
     while True:
@@ -91,7 +89,7 @@ def greedy_tin(heights_m: Grid, weights: Grid, rim: Bools, error_m: float, max_p
 
 
 def breakline_tin(
-    heights_m: Grid, weights: Grid, rim: Bools, error_m: float, points: Sequence[tuple[int, int, float]], scale: int
+    heights_m: Grid, rim: Bools, error_m: float, points: Sequence[tuple[int, int, float]], scale: int
 ) -> Tin:
     """The TIN of a square of posts with further points in it: the vertices of breaklines.
 
@@ -100,14 +98,14 @@ def breakline_tin(
 
     Parameters
     ----------
-    heights_m, weights, rim, error_m
+    heights_m, rim, error_m
         As for `greedy_tin`; every post of the rim may be needed.
     points : sequence of (int, int, float)
         ``(row, col, height_m)`` in 1 / ``scale`` of a post from the north-west corner.
     scale : int
         Fractions of a post that points may lie on; a power of two.
     """
-    fit = _Fit(heights_m, weights, scale)
+    fit = _Fit(heights_m, scale)
     for row, col, height in points:
         if row % scale == 0 and col % scale == 0:
             fit.heights[row // scale * len(heights_m) + col // scale] = height
@@ -121,12 +119,11 @@ def breakline_tin(
 class _Fit:
     """A growing triangulation and, for every post, the triangle it lies in and its error there."""
 
-    def __init__(self, heights_m: Grid, weights: Grid, scale: int) -> None:
+    def __init__(self, heights_m: Grid, scale: int) -> None:
         side = len(heights_m)
         self.scale = scale
         self.surface = heights_m
         self.heights = heights_m.astype(np.float64).ravel()
-        self.weights = weights.astype(np.float64).ravel()
         self.row, self.col = (g.ravel() * scale for g in np.indices(heights_m.shape))
         self.mesh = Delaunay((side - 1) * scale)
         self.z: list[float] = [float(heights_m[r, c]) for r, c in ((0, 0), (0, -1), (-1, -1), (-1, 0))]
@@ -187,7 +184,7 @@ class _Fit:
         z = np.array(self.z)[corners][home]
         self.owner[posts] = triangles[home]
         surface = (areas * z).sum(axis=1) / areas.sum(axis=1)
-        self.error[posts] = np.abs(surface - self.heights[posts]) * self.weights[posts]
+        self.error[posts] = np.abs(surface - self.heights[posts])
 
 
 def _with_surface_diagonals(triangles: Ints, post: Ints, size: int) -> Ints:
@@ -236,10 +233,8 @@ def _worst_crossing(fit: _Fit, triangles: Ints, error_m: float) -> list[tuple[in
         return None
     col, row = c0[owner] + t * (c1 - c0)[owner], r0[owner] + t * (r1 - r0)[owner]
     cell_row, cell_col = (np.minimum(a.astype(np.int64), side - 2) for a in (row, col))
-    weights = fit.weights.reshape(side, side)
-    weight = np.max([weights[cell_row + i, cell_col + j] for i in (0, 1) for j in (0, 1)], axis=0)
     height = z[owner, 0] + t * (z[owner, 1] - z[owner, 0])
-    error = np.abs(height - surface_heights(fit.surface, col, row)) * weight
+    error = np.abs(height - surface_heights(fit.surface, col, row))
     worst = int(np.argmax(error))
     if error[worst] <= error_m:
         return None

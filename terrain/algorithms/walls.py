@@ -172,11 +172,15 @@ def _along(heights: Floats, vertices: Bools) -> Floats:
 
 
 def _quads(where: Places, here: Places, there: Places, upper: Floats, lower: Floats) -> npt.NDArray[np.float32]:
-    """Two triangles for every piece of an edge, from the upper edge down to the lower."""
-    lower = np.minimum(lower, upper)
-    corners = np.empty((len(here), 6, 4), np.float32)
-    for i, (ends, heights, way) in enumerate((
-        (here, upper, 1), (here, lower, -1), (there, lower, -1), (here, upper, 1), (there, lower, -1), (there, upper, 1)
-    )):  # fmt: skip
-        corners[:, i, :2], corners[:, i, 2], corners[:, i, 3] = where[ends], heights[ends], way
-    return corners.reshape(-1, 3, 4)
+    """Two triangles for every piece of an edge, from the upper edge down to the lower, as far as it is the upper."""
+    begin, end = upper[here] - lower[here], upper[there] - lower[there]
+    crossing = begin / np.where(begin == end, 1.0, begin - end)
+    corners = []
+    for t in (np.where(begin < 0, crossing, 0.0), np.where(end < 0, crossing, 1.0)):
+        place = where[here] + t[:, None] * (where[there] - where[here])
+        for heights, way in ((upper, 1.0), (lower, -1.0)):
+            height = heights[here] + t * (heights[there] - heights[here])
+            corners.append(np.column_stack([place, height, np.full(len(t), way)]).astype(np.float32))
+    here_up, here_down, there_up, there_down = corners
+    quads = np.stack([here_up, here_down, there_down, here_up, there_down, there_up], axis=1)
+    return quads.reshape(-1, 3, 4)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from terrain.algorithms.rtin import STEEPEST, Ladder, build_rtin, surface_weights
+from terrain.algorithms.rtin import Ladder, build_rtin
 from terrain.algorithms.rtin_mesh import Patches, extract_meshes
 
 
@@ -57,7 +57,7 @@ def test_mesh_error_never_exceeds_its_rungs_error(grid, top, rung):
     padded = pad_to(heights, rtin.drop_rung.shape)
     surface = mesh_heights(padded, meshes.triangles)
     assert np.isfinite(surface).all()  # it covers every post
-    error = np.abs(surface[:rows, :cols] - heights) * surface_weights(heights, spacing)
+    error = np.abs(surface[:rows, :cols] - heights)
     assert error.max() <= rtin.ladder.error_m(rung) + 1e-5
 
 
@@ -119,17 +119,6 @@ def test_patches_of_mixed_sizes_come_out_as_if_extracted_alone():
         alone = extract_meshes(rtin, patches.take(np.array([i])))
         own = together.triangles[together.starts[i] : together.starts[i + 1]]
         np.testing.assert_array_equal(own, alone.triangles)
-
-
-def test_weights_bound_the_normals_of_all_triangles_around_a_post():
-    heights, (dx, dz) = rough(12, 15, 3), (2.0, 3.0)
-    weights = surface_weights(heights, (dx, dz))
-    east, south = np.diff(heights, axis=1) / dx, np.diff(heights, axis=0) / dz
-    for row, col, leg_row, leg_col in np.ndindex(11, 14, 2, 2):
-        # A triangle has one leg along the north or south side of the cell and one along its west or east side.
-        up = 1 / np.sqrt(1 + east[row + leg_row, col] ** 2 + south[row, col + leg_col] ** 2)
-        assert (weights[row : row + 2, col : col + 2] >= max(up, STEEPEST) - 1e-6).all()
-    assert weights.max() <= 1
 
 
 def test_ladder_steps_agree_with_one_another():

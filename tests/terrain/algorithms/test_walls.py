@@ -41,9 +41,10 @@ def add_edge(spans: Spans, start: tuple, end: tuple) -> None:
     if not along_row and ca != cb:
         return
     first, last = (ca, cb) if along_row else (ra, rb)
-    for cell in range(min(first, last), max(first, last)):
-        t = (cell + 0.5 - first) / (last - first)
-        spans[along_row, ra if along_row else ca, cell].append(ha + t * (hb - ha))
+    for cell in range(int(min(first, last)), int(np.ceil(max(first, last)))):
+        if min(first, last) <= cell + 0.5 <= max(first, last):
+            t = (cell + 0.5 - first) / (last - first)
+            spans[along_row, int(ra if along_row else ca), cell].append(ha + t * (hb - ha))
 
 
 def gaps_of(rtin: Rtin, patches: Patches, heights: np.ndarray) -> Spans:
@@ -58,7 +59,7 @@ def gaps_of(rtin: Rtin, patches: Patches, heights: np.ndarray) -> Spans:
     return spans
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10**6), spread=st.integers(0, 60), gaps=st.floats(0, 0.3))
 def test_walls_reach_from_the_higher_edge_to_the_lower_and_stand_nowhere_else(seed, spread, gaps):
     heights = rough(65, seed)
@@ -69,7 +70,7 @@ def test_walls_reach_from_the_higher_edge_to_the_lower_and_stand_nowhere_else(se
     for quad in walls.reshape(-1, 6, 4).astype(np.float64):
         assert quad[:, 3].tolist() == [1, -1, -1, 1, -1, 1]
         for spans, here, there in ((uppers, quad[0], quad[5]), (lowers, quad[1], quad[2])):
-            add_edge(spans, *((round(c[1]), round(c[0]), c[2]) for c in (here, there)))
+            add_edge(spans, *((c[1], c[0], c[2]) for c in (here, there)))
     expected = {place: sorted(pair) for place, pair in gaps_of(rtin, patches, heights).items() if len(pair) == 2}
     for place, (low, high) in expected.items():
         if high - low > 1e-3:
