@@ -6,6 +6,7 @@ from terrain.renderers.multiresolution import MultiresolutionRenderer
 from terrain.renderers.painter import PainterRenderer
 from terrain.renderers.perturbation import PerturbationRenderer
 from terrain.renderers.reference import ReferenceRenderer
+from terrain.renderers.slicing import SlicingRenderer
 
 _TABLE: tuple[type[Renderer], ...] = (
     ReferenceRenderer,
@@ -13,5 +14,6 @@ _TABLE: tuple[type[Renderer], ...] = (
     MultiresolutionRenderer,
     PainterRenderer,
     PerturbationRenderer,
+    SlicingRenderer,
 )
 RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in _TABLE}

@@ -1,10 +1,15 @@
-"""Draws adaptive slicing: polygons first, then all slices front to back, then one pass that finds the surface.
+"""Adaptive slicing: polygons first, then all slices front to back, then one pass that finds and shades the surface.
 
 Source: S. Röttger, T. Ertl, *Hardware Accelerated Terrain Rendering by Adaptive Slicing*, VMV 2001.
+
+Deviations: those of `terrain.algorithms.slicing`. Slices write nothing but depth and their own name; shading happens
+once per pixel, in the pass that takes the secant steps. Where the eye is outside the grid or in the ground, or the
+terrain has holes, a slice also asks whether the ray came from above the ground: a cut side shows nothing, as in a mesh.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,199 +17,268 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.slicing import Cut, build_slice_tree, select_cut
-from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Speeds
+from terrain.algorithms.slicing import BOX_BITS, FACE_COUNT, LAST_NUMBER, Cut, name_slices, select_cut
+from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
+from terrain.algorithms.slicing_tree import Nodes, build_slice_tree
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import Gpu
 from terrain.gpu.geometry import Geometry
-from terrain.gpu.programs import UNITS
 from terrain.heightfield import Diagonal
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
+from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, SliceBundles, strips_of
+from terrain.renderers.slicing_calibration import load_speeds
 from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
-RECORDS_PER_ROW = 256
-FAN_LEVELS = (3, 4, 5)
+TILE_LEVELS = (3, 4, 5)  # polygon boxes are drawn in tiles of 8, 16 and 32 cells, one draw call each
+SAMPLE_EVERY = 8  # frames between two comparisons of estimate and clock on software GL, where each waits for the GPU
+SAMPLES = 64
 
 
 @dataclass(frozen=True)
 class SlicingSettings(base.Settings):
-    mode: str = setting("hybrid", "Draw", "", choices=("hybrid", "slices", "polygons"))
-    rule: str = setting("secant", "Slice counts", "", choices=("secant", "paper"))
+    """Settings of adaptive slicing."""
+
+    mode: str = setting(
+        "hybrid", "Draw", "Boxes as slices or polygons, whichever is cheaper; or all of one kind.",
+        choices=("hybrid", "slices", "polygons"),
+    )  # fmt: skip
+    rule: str = setting(
+        "secant", "Slice counts",
+        "Secant: few planes, the surface is found between them. Paper: planes a pixel apart and a hard test.",
+        choices=("secant", "paper"),
+    )  # fmt: skip
+    horizon: bool = setting(True, "Horizon culling", "Drop boxes hidden behind nearer ground (secant only).")
+    antialias: bool = setting(False, "Antialiased slices", "Opacity falls over one pixel at the edge of a slice.")
+    figure: bool = setting(False, "Figure 4", "Sliced boxes as boxes, by direction; dark centres of triangle fans.")
+    recalibrate: bool = setting(
+        False, "Recalibrate", "Measure this machine's speeds anew instead of reading them from the cache.", rebuild=True
+    )
 
 
 class SlicingRenderer:
+    """Boxes of terrain as bundles of slices or as polygons, by cost."""
+
     name = "slicing"
     title = "Adaptive slicing"
-    source = "Röttger, Ertl: Hardware Accelerated Terrain Rendering by Adaptive Slicing, VMV 2001."
+    source = "Röttger and Ertl, Hardware accelerated terrain rendering by adaptive slicing, 2001"
     Settings = SlicingSettings
+    diagonal: Diagonal = "alternating"
 
     def __init__(self, gpu: Gpu, scene: Scene, settings: SlicingSettings) -> None:
+        begin = time.perf_counter()
         self.settings: Any = settings
-        self.diagonal: Diagonal = "alternating"
         self.stats = FrameStats()
         self._gpu, self._scene = gpu, scene
-        self.speeds = Speeds(9500.0, 157000.0, 4e-4, 2.5e-6, 8e-5, 3e-6, 5.0)
-        self._tree = build_slice_tree(scene.pyramid, scene.heightfield.spacing_m)
-        self._packed = pack_cells(gpu, scene.heightfield.heights_m)
-        self._fans = {}
-        for level in FAN_LEVELS:
-            indices = gpu.ctx.buffer(build_tile_indices(1 << level).tobytes())
-            tiles = gpu.ctx.buffer(reserve=1 << 16, dynamic=True)
-            self._fans[level] = (
-                indices,
-                tiles,
-                Geometry(gpu, "reference", "mesh", [(tiles, "2i /i", "in_tile")], indices),
-            )
-        self._slices = gpu.ctx.buffer(reserve=1 << 20, dynamic=True)
-        self._slice_geometry = Geometry(gpu, "slicing", "slicing", [(self._slices, "1u /i", "in_slice")])
-        self._resolve = Geometry(gpu, "fullscreen", "slicing_resolve")
-        self._records = None
-        self._hits = None
+        self._tree = build_slice_tree(scene)
+        self._bundles = SliceBundles(gpu, scene.heightfield.heights_m)
+        self._tiles = {level: _TileSet(gpu, level) for level in TILE_LEVELS}
+        self._box_names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
+        self._box_geometry = Geometry(gpu, "slicing_boxes", "slicing_figure", [(self._box_names, "1u /i", "in_slice")])
+        self._speeds: dict[tuple[int, int], Speeds] = {}
+        self._fresh = settings.recalibrate
         self._cut: Cut | None = None
+        self._names = np.zeros(0, np.uint32)
+        self._frames = 0
+        self._samples: list[tuple[float, float]] = []
+        self.stats.prepare_s = time.perf_counter() - begin
 
     def select(self, frame: Frame) -> None:
-        s = self.settings
-        self._cut = cut = select_cut(self._tree, frame, self.speeds, s.tolerance_px, s.mode, s.rule)
-        words = slice_words(cut, frame.eye_m, s.rule == "secant")
-        self._slices.orphan(max(words.nbytes, 16))
-        self._slices.write(words)
-        self._slice_count = len(words)
-        tri = 0
-        for level, (_, tiles, _) in self._fans.items():
-            pass
+        settings = self.settings
+        speeds = self._speeds_for(frame.viewport_px)
+        self._cut = cut = select_cut(
+            self._tree, frame, speeds, settings.tolerance_px, settings.mode, settings.rule, settings.horizon
+        )
+        self._names = names = name_slices(cut, frame.eye_m, closed=settings.rule == "secant")
+        self._bundles.write_names(names[::-1] if settings.antialias else names)
+        uploaded = names.nbytes
         polygons = cut.direction == POLYGONS
-        self._fan_counts = {}
-        for level in FAN_LEVELS:
-            of = polygons & (cut.level == level if level < FAN_LEVELS[-1] else cut.level >= level)
-            post = tiles_of(cut.level[of], cut.row[of], cut.col[of], level, self._tree.cells)
-            self._fans[level][1].orphan(max(post.nbytes, 16))
-            self._fans[level][1].write(post)
-            self._fan_counts[level] = len(post)
-            tri += 2 * 4**level * len(post)
-        self.stats.triangles = tri
-        self.stats.slices = len(words)
+        for level, tiles in self._tiles.items():
+            mine = cut.nodes.level == level if level < TILE_LEVELS[-1] else cut.nodes.level >= level
+            uploaded += tiles.write(split_nodes(cut.nodes.where(polygons & mine), level, self._tree.cells))
+        self._fill_stats(cut, uploaded)
 
     def draw(self, frame: Frame) -> None:
-        gpu, cut = self._gpu, self._cut
-        target = gpu.ctx.fbo
-        for level, (_, _, geometry) in self._fans.items():
-            if self._fan_counts[level]:
-                geometry.program(frame.output)["u_tile_posts"] = (1 << level) + 1
-                geometry.render(frame.output, moderngl.TRIANGLES, instances=self._fan_counts[level])
-        if not self._slice_count:
+        if self._cut is None:
             return
-        size = target.size
-        if self._hits is None or self._hits[0].size != size or self._hits[2] is not target.depth_attachment:
-            texture = gpu.ctx.texture(size, 1, dtype="u4")
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            self._hits = texture, gpu.ctx.framebuffer([texture], target.depth_attachment), target.depth_attachment
-        self._write_records(frame)
-        texture, hits, _ = self._hits
-        hits.use()
-        clear_colour(gpu)
-        gpu.ctx.disable(moderngl.CULL_FACE)
-        self._records.use(UNITS["u_extra0"])
-        self._packed.use(UNITS["u_packed"])
-        self._resolve.program(frame.output)["u_hard"] = float(self.settings.rule == "paper")
-        self._slice_geometry.render("shaded", moderngl.TRIANGLE_STRIP, 4, instances=self._slice_count)
-        target.use()
-        texture.use(UNITS["u_extra1"])
-        self._resolve.render(frame.output, moderngl.TRIANGLES, vertices=3)
-        gpu.ctx.enable(moderngl.CULL_FACE)
-
-    def _write_records(self, frame: Frame) -> None:
-        cut = self._cut
-        n = len(cut.count)
-        rows = -(-n // RECORDS_PER_ROW)
-        data = np.zeros((rows * RECORDS_PER_ROW, 3, 4), np.float32)
-        lower, upper = cut.lower_m - frame.eye_m, cut.upper_m - frame.eye_m
-        near_gap = np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0), axis=1)
-        pixel = near_gap / frame.pixels_per_radian
-        paper = self.settings.rule == "paper"
-        axis = np.choose(cut.direction, (0, 0, 1, 2))
-        i = np.arange(n)
-        lo, hi = lower[i, axis], upper[i, axis]
-        lo = np.where(axis == 1, lo - (0.25 * pixel), lo)
-        forward = np.abs(lo) < np.abs(hi)
-        data[:n, 0, :3], data[:n, 1, :3] = lower, upper
-        data[:n, 0, 3] = cut.count
-        data[:n, 1, 3] = pixel * (1.0 if paper else 0.1)
-        data[:n, 2, 0] = axis
-        data[:n, 2, 1] = np.where(forward, lo, hi)
-        data[:n, 2, 2] = np.where(forward, hi, lo)
-        data[:n, 2, 3] = cut.direction
-        if self._records is None or self._records.size[1] < rows:
-            self._records = self._gpu.ctx.texture((RECORDS_PER_ROW * 3, rows * 2), 4, dtype="f4")
-            self._records.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._records.write(data.tobytes(), viewport=(0, 0, RECORDS_PER_ROW * 3, rows))
+        timed = self._gpu.is_software and frame.output == "shaded" and self._frames % SAMPLE_EVERY == 0
+        begin = time.perf_counter()
+        if timed:
+            self._gpu.ctx.finish()
+            begin = time.perf_counter()
+        if self.settings.figure and frame.output == "shaded":
+            self._draw_figure(frame, self._cut)
+        else:
+            self._draw_terrain(frame, self._cut)
+        if timed:
+            self._gpu.ctx.finish()
+            self._sample((time.perf_counter() - begin) * 1e3)
+        self._frames += frame.output == "shaded"
 
     def boxes(self) -> Boxes:
-        cut = self._cut
-        return Boxes(cut.lower_m, cut.upper_m, cut.direction.astype(np.int64))
+        """The chosen boxes; their level is 0 for polygons, else the direction of the slices: 1 x, 2 y, 3 z."""
+        if self._cut is None:
+            return Boxes(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64))
+        return Boxes(self._cut.lower_m, self._cut.upper_m, self._cut.direction.astype(np.int64))
 
     def release(self) -> None:
-        pass
+        for tiles in self._tiles.values():
+            tiles.release()
+        for part in (self._bundles, self._box_geometry, self._box_names):
+            part.release()
+
+    def _speeds_for(self, viewport_px: tuple[int, int]) -> Speeds:
+        if viewport_px not in self._speeds:
+            begin = time.perf_counter()
+            self._speeds[viewport_px] = load_speeds(self._gpu, viewport_px, anew=self._fresh)
+            self.stats.prepare_s += time.perf_counter() - begin
+        return self._speeds[viewport_px]
+
+    def _draw_terrain(self, frame: Frame, cut: Cut) -> None:
+        for tiles in self._tiles.values():
+            tiles.draw(frame)
+        if not self._bundles.slices:
+            return
+        paper, bundles, target = self.settings.rule == "paper", self._bundles, self._gpu.ctx.fbo
+        self.stats.uploaded_bytes += bundles.write_records(cut, frame, PAPER_BORDER_PX if paper else BORDER_PX)
+        if frame.output == "flat":
+            bundles.draw(frame.output)
+        elif self.settings.antialias and frame.output == "shaded":
+            bundles.draw_antialiased(frame.output, paper)
+        else:
+            underground = self._may_be_underground(frame)
+            bundles.find(target, underground)
+            if frame.output == "overdraw":  # every fragment in front of what was found
+                self._gpu.ctx.depth_func = ">="
+                target.depth_mask = False
+                bundles.draw(frame.output)
+                target.depth_mask = True
+                self._gpu.ctx.depth_func = ">"
+            else:
+                bundles.resolve(frame.output, strips_of(cut, frame), paper, underground)
+
+    def _may_be_underground(self, frame: Frame) -> bool:
+        """Whether a ray may be in the ground without having met it from above."""
+        terrain = self._scene.heightfield
+        x, y, z = frame.eye_m
+        ground_m = float(terrain.heights_at(x, z))  # NaN outside the grid
+        return terrain.holes is not None or not y > ground_m
+
+    def _draw_figure(self, frame: Frame, cut: Cut) -> None:
+        """Figure 4: boxes instead of slices, fans with dark centres."""
+        for tiles in self._tiles.values():
+            tiles.draw_fans(frame)
+        boxes = np.flatnonzero(cut.direction != POLYGONS)
+        if not len(boxes):
+            return
+        self._bundles.write_records(cut, frame, 0.0)
+        faces = np.uint32(LAST_NUMBER) - np.arange(FACE_COUNT, dtype=np.uint32)
+        names = (boxes.astype(np.uint32)[:, None] | faces << np.uint32(BOX_BITS)).ravel()
+        if names.nbytes > self._box_names.size:
+            self._box_names.orphan(2 * names.nbytes)
+        self._box_names.write(names)
+        self._bundles.bind()
+        self._gpu.ctx.disable(moderngl.CULL_FACE)
+        self._box_geometry.render("shaded", moderngl.TRIANGLE_STRIP, 4, instances=len(names))
+        self._gpu.ctx.enable(moderngl.CULL_FACE)
+
+    def _sample(self, measured_ms: float) -> None:
+        assert self._cut is not None
+        self._samples = [*self._samples[1 - SAMPLES :], (self._cut.cost_ms, measured_ms)]
+
+    def _fill_stats(self, cut: Cut, uploaded: int) -> None:
+        stats, slices = self.stats, len(self._names)
+        if not self._gpu.is_software and stats.gpu_ms is not None:
+            self._samples = [*self._samples[1 - SAMPLES :], (cut.cost_ms, stats.gpu_ms)]
+        stats.triangles = sum(tiles.triangles for tiles in self._tiles.values())
+        stats.slices = slices
+        stats.draw_calls = sum(tiles.count > 0 for tiles in self._tiles.values()) + 2 * (slices > 0)
+        stats.uploaded_bytes = uploaded
+        tile_bytes = sum(tiles.resident_bytes for tiles in self._tiles.values())
+        stats.resident_bytes = self._bundles.resident_bytes + tile_bytes
+        stats.extra = {
+            "boxes of x-slices": float((cut.direction == X_SLICES).sum()),
+            "boxes of y-slices": float((cut.direction == Y_SLICES).sum()),
+            "boxes of z-slices": float((cut.direction == Z_SLICES).sum()),
+            "polygon boxes": float((cut.direction == POLYGONS).sum()),
+            "fans": stats.triangles / 8,
+            "estimated ms": cut.cost_ms,
+        }
+        if self._samples:
+            stats.extra["measured ms"] = self._samples[-1][1]
+        if len(self._samples) > 3:
+            stats.extra["rank correlation"] = rank_correlation(np.array(self._samples))
+        speeds = next(reversed(self._speeds.values()))
+        stats.extra |= {
+            "µs per slice": 1e3 * speeds.slice_ms,
+            "ns per slice pixel": 1e6 * speeds.slice_pixel_ms,
+            "ns per found pixel": 1e6 * speeds.found_pixel_ms,
+            "ns per triangle": 1e6 * speeds.triangle_ms,
+            "ns per polygon pixel": 1e6 * speeds.polygon_pixel_ms,
+        }
 
 
-def clear_colour(gpu):
-    import ctypes
+class _TileSet:
+    """Polygon tiles of one size: one instanced draw of fans of 2 x 2 cells."""
 
-    gpu.function("glClearBufferuiv", None, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)(
-        0x1800, 0, (ctypes.c_uint * 4)(0, 0, 0, 0)
-    )
+    def __init__(self, gpu: Gpu, level: int) -> None:
+        self._cells = 1 << level
+        self.count = 0
+        indices = build_tile_indices(self._cells)
+        self._indices = gpu.ctx.buffer(indices)
+        self._posts = gpu.ctx.buffer(reserve=8 << 10, dynamic=True)
+        content = [(self._posts, "2i /i", "in_tile")]
+        self._surface = Geometry(gpu, "reference", "mesh", content, self._indices)
+        self._fans = Geometry(gpu, "slicing_fans", "slicing_figure", content, self._indices)
 
+    @property
+    def triangles(self) -> int:
+        return 2 * self._cells * self._cells * self.count
 
-def slice_words(cut, eye, faces):
-    box = np.repeat(np.arange(len(cut.count)), cut.count)
-    start = np.cumsum(cut.count) - cut.count
-    number = np.arange(len(box)) - np.repeat(start, cut.count)
-    words = (box | number << 20).astype(np.uint32)
-    if not faces:
-        return words
-    lower, upper = cut.lower_m - eye, cut.upper_m - eye
-    # a ray can leave through a face that looks away from the eye
-    leaving = np.stack(
-        [
-            lower[:, 0] < 0,
-            upper[:, 0] > 0,
-            lower[:, 1] < 0,
-            np.zeros(len(lower), bool),
-            lower[:, 2] < 0,
-            upper[:, 2] > 0,
-        ],
-        1,
-    )
-    leaving[cut.direction == POLYGONS] = False
-    leaving[cut.direction == X_SLICES, :2] = False
-    leaving[cut.direction == Y_SLICES, 2] = False
-    leaving[cut.direction == 3, 4:] = False
-    more = leaving.sum(1)
-    fbox, face = np.nonzero(leaving)
-    fwords = (fbox | (4095 - face) << 20).astype(np.uint32)
-    total = cut.count + more
-    out = np.empty(total.sum(), np.uint32)
-    tstart = np.cumsum(total) - total
-    out[tstart[box] + number] = words
-    rank = np.arange(len(fbox)) - np.repeat(np.cumsum(more) - more, more)
-    out[tstart[fbox] + cut.count[fbox] + rank] = fwords
-    return out
+    @property
+    def resident_bytes(self) -> int:
+        return int(self._indices.size + self._posts.size)
 
+    def write(self, posts: npt.NDArray[np.int32]) -> int:
+        """Upload the north-west posts (n, 2) of the tiles; returns the number of bytes."""
+        self.count = len(posts)
+        if posts.nbytes > self._posts.size:
+            self._posts.orphan(2 * posts.nbytes)
+        self._posts.write(posts)
+        return posts.nbytes
 
-def pack_cells(gpu: Gpu, heights: npt.NDArray[np.float32]) -> moderngl.Texture:
-    corners = np.stack([heights[:-1, :-1], heights[:-1, 1:], heights[1:, :-1], heights[1:, 1:]], axis=-1)
-    texture = gpu.ctx.texture((corners.shape[1], corners.shape[0]), 4, np.ascontiguousarray(corners).data, dtype="f4")
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture
+    def draw(self, frame: Frame) -> None:
+        self._render(self._surface, frame)
+
+    def draw_fans(self, frame: Frame) -> None:
+        """The debug picture: dark centres."""
+        self._render(self._fans, frame)
+
+    def _render(self, geometry: Geometry, frame: Frame) -> None:
+        if self.count:
+            geometry.program(frame.output)["u_tile_posts"] = self._cells + 1
+            geometry.render(frame.output, moderngl.TRIANGLES, instances=self.count)
+
+    def release(self) -> None:
+        for part in (self._surface, self._fans, self._indices, self._posts):
+            part.release()
 
 
-def tiles_of(level, row, col, size_level, cells):
-    split = 1 << (level - size_level)
-    n = split * split
-    owner = np.repeat(np.arange(len(level)), n)
-    number = np.arange(len(owner)) - np.repeat(np.cumsum(n) - n, n)
-    r = (row[owner] * split[owner] + number // split[owner]) << size_level
-    c = (col[owner] * split[owner] + number % split[owner]) << size_level
-    keep = (r < cells[0]) & (c < cells[1])
-    return np.stack([c, r], axis=1)[keep].astype(np.int32)
+def split_nodes(nodes: Nodes, level: int, cells: tuple[int, int]) -> npt.NDArray[np.int32]:
+    """North-west posts (n, 2), col before row, of the tiles of ``level`` in nodes at or above it, inside the grid."""
+    parts = np.left_shift(np.int32(1), nodes.level - level)
+    squares = parts * parts
+    node = np.repeat(np.arange(len(parts)), squares)
+    number = np.arange(len(node)) - np.repeat(np.cumsum(squares) - squares, squares)
+    row = (nodes.row[node] * parts[node] + number // parts[node]) << level
+    col = (nodes.col[node] * parts[node] + number % parts[node]) << level
+    inside = (row < cells[0]) & (col < cells[1])
+    return np.ascontiguousarray(np.stack([col[inside], row[inside]], axis=1), np.int32)
+
+
+def rank_correlation(samples: npt.NDArray[np.float64]) -> float:
+    """Spearman's rank correlation of two columns (n, 2): 1 where their order agrees."""
+    ranks = samples.argsort(axis=0).argsort(axis=0).astype(np.float64)
+    ranks -= ranks.mean(axis=0)
+    return float((ranks[:, 0] * ranks[:, 1]).sum() / np.sqrt((ranks**2).sum(axis=0).prod()))

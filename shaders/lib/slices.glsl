@@ -1,0 +1,46 @@
+// What slices are made of: one record per box, and one word that names a slice; terrain/renderers/slicing_bundles.py
+// writes both. Include after lib/frame.glsl.
+uniform sampler2D u_extra0;  // three texels per box, RECORDS_PER_ROW boxes per row
+
+const int RECORDS_PER_ROW = 256;
+const uint BOX_BITS = 20u, LAST_NUMBER = 4095u;  // box in the low bits of the word, number of the slice above
+const uint FACES = 6u;                           // numbers from the last one down are the box's own faces
+
+struct Bundle {
+    vec3 lower, upper;  // the box, relative to the eye [m]
+    float count;        // slices
+    float border;       // by how much slices reach over the box on every side [m]
+    int axis;           // 0: x-slices, 1: y-slices, 2: z-slices
+    float near, far;    // from the box's near face to a border behind the far one, along the axis [m]
+};
+
+Bundle bundle_of(uint name) {
+    int box = int(name & ((1u << BOX_BITS) - 1u));
+    ivec2 texel = ivec2(3 * (box % RECORDS_PER_ROW), box / RECORDS_PER_ROW);
+    vec4 lower = texelFetch(u_extra0, texel, 0), upper = texelFetch(u_extra0, texel + ivec2(1, 0), 0);
+    vec4 run = texelFetch(u_extra0, texel + ivec2(2, 0), 0);
+    return Bundle(lower.xyz, upper.xyz, lower.w, upper.w, int(run.x), run.y, run.z);
+}
+
+// The plane of a slice: its axis and where it stands on it. Faces come in the order x low, x high, y low ... z high.
+void plane_of(Bundle bundle, uint name, out int axis, out float plane) {
+    uint number = name >> BOX_BITS, face = LAST_NUMBER - number;
+    if (face < FACES) {
+        axis = int(face >> 1u);
+        plane = (face & 1u) == 1u ? bundle.upper[axis] + bundle.border : bundle.lower[axis] - bundle.border;
+    } else {
+        axis = bundle.axis;
+        plane = mix(bundle.near, bundle.far, (float(number) + 1.0) / bundle.count);
+    }
+}
+
+// Along the sight ray, 0 at the eye and 1 at the hit. x: where it was at the plane before, or entered the box; y: how far
+// planes are apart.
+vec2 entry_of(vec3 hit, Bundle bundle) {
+    float step_m = (bundle.far - bundle.near) / bundle.count;
+    // A face may stand anywhere between two planes; 0.01 keeps a plane from being its own predecessor.
+    float number = ceil((hit[bundle.axis] - bundle.near) / step_m - 0.01) - 1.0;
+    vec2 sides = min(bundle.lower.xz / hit.xz, bundle.upper.xz / hit.xz);
+    float previous = (bundle.near + step_m * number) / hit[bundle.axis];
+    return vec2(clamp(max(previous, max(sides.x, sides.y)), 0.0, 1.0), abs(step_m / hit[bundle.axis]));
+}

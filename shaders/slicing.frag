@@ -1,0 +1,41 @@
+#version 330 core
+// The test on a slice: a fragment survives where it lies in the ground. What is kept is the slice's name;
+// slicing_resolve.frag finds the surface between it and the plane before.
+#include "lib/frame.glsl"
+#include "lib/surface.glsl"
+#include "lib/packed.glsl"
+#include "lib/depth.glsl"
+#ifdef FROM_ABOVE_ONLY
+#include "lib/secant.glsl"
+#include "lib/slices.glsl"
+const float ENOUGH_PX = 0.005;  // triangles beside the box end on corners rounded to 1/256 px
+#ifdef HOLES
+uniform sampler2D u_ground;
+#endif
+#endif
+
+in vec3 v_position_m;
+flat in uint v_slice;
+out uint out_slice;  // 0: none
+
+void main() {
+    float deep = depth_in_ground(v_position_m);
+    if (deep < 0.0) discard;
+#ifdef FROM_ABOVE_ONLY
+    // The ray may be in the ground without having met it from above: it came through the grid's cut side, through a
+    // hole, or from an eye in the ground. A mesh shows nothing there.
+    float entry = entry_of(v_position_m, bundle_of(v_slice)).x;
+    if (depth_in_ground(v_position_m * entry) > ENOUGH_PX * length(v_position_m) / u_eye_height.w) {
+        entry = last_above(v_position_m, entry);
+        if (entry == 1.0) discard;
+    }
+#ifdef HOLES
+    vec3 met = v_position_m * surface_at(v_position_m, entry, 0.0, 0.0);
+    if (textureLod(u_ground, (u_eye_post.xy + posts_from_eye(met) + 0.5) / u_grid.xy, 0.0).a < 0.5) discard;
+#endif
+#endif
+    out_slice = v_slice + 1u;
+#ifdef LOG_DEPTH
+    gl_FragDepth = depth_at(1.0 / gl_FragCoord.w);
+#endif
+}

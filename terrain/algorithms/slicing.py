@@ -1,0 +1,251 @@
+"""Adaptive slicing: which boxes of terrain to draw as bundles of slices, in which direction, and which as polygons.
+
+Source: S. Röttger, T. Ertl, *Hardware Accelerated Terrain Rendering by Adaptive Slicing*, Vision, Modeling and
+Visualization 2001. Numbers in comments are its sections.
+
+Deviations:
+
+* The hit on a slice is carried back to the surface by secant steps between this plane and the one before (in the
+  shader), so planes need not lie a pixel apart. Their distance is the longest over which no ground rises over its chord
+  by more than the tolerance (`terrain.algorithms.slicing_tree`); it is never denser than the paper's.
+* A bundle is closed by the far sides and the bottom of its box, so that a ray that meets the ground and leaves the box
+  before the next plane is caught where it leaves. The paper's borders (section 5) leak at steep ground.
+* Horizontal slices are used wherever they are cheaper, not only above 45 degrees: over a flat box a few of them do what
+  hundreds of upright ones would.
+* Costs follow the pixels that are really touched; polygons take part in the descent, and the cut starts from nodes that
+  rise above the horizon.
+
+``rule="paper"`` brings back the paper's counts, directions, costs, borders and descent from the root. Under either rule
+a box around the eye can only be drawn as polygons, also where slices alone are asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from terrain.algorithms.slicing_cost import (
+    POLYGONS,
+    X_SLICES,
+    Y_SLICES,
+    Z_SLICES,
+    Boxes,
+    Floats,
+    Ints,
+    Speeds,
+    View,
+    paper_bundles,
+    refined_bundles,
+)
+from terrain.algorithms.slicing_tree import Nodes, SliceTree
+from terrain.frame import Frame
+from terrain.pyramid import BASE_LEVEL
+
+Mode = Literal["hybrid", "slices", "polygons"]
+Rule = Literal["secant", "paper"]
+
+# Section 4: descend where a box costs more than c times its children; the paper found 0.9 reasonable.
+DESCENT = np.float32(0.9)
+# The cut starts at nodes farther away than this many times their size: larger ones never pay.
+START_RATIO = 4.0
+# A slice is named by one 32-bit word: its box in the low bits, its number above. Numbers from the last one down are the
+# box's own faces: x low, x high, y low, y high, z low, z high.
+BOX_BITS, LAST_NUMBER, FACE_COUNT = 20, 4095, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """The chosen boxes, front to back; arrays (n,) or (n, 3).
+
+    Attributes
+    ----------
+    nodes : Nodes
+    lower_m, upper_m : ndarray of float64
+        World corners, cut off at the grid's edges.
+    direction : ndarray of int32
+        POLYGONS, X_SLICES, Y_SLICES or Z_SLICES.
+    slices : ndarray of int32
+        Slices, without the faces that close the bundle; 0 for polygons.
+    cost_ms : float
+        What all boxes together were estimated to cost.
+    """
+
+    nodes: Nodes
+    lower_m: npt.NDArray[np.float64]
+    upper_m: npt.NDArray[np.float64]
+    direction: Ints
+    slices: Ints
+    cost_ms: float
+
+
+def select_cut(
+    tree: SliceTree,
+    frame: Frame,
+    speeds: Speeds,
+    tolerance_px: float,
+    mode: Mode = "hybrid",
+    rule: Rule = "secant",
+    horizon: bool = True,
+) -> Cut:
+    """The boxes to draw for a view, front to back.
+
+    Parameters
+    ----------
+    tree : SliceTree
+    frame : Frame
+        The view.
+    speeds : Speeds
+        What this machine takes.
+    tolerance_px : float
+        Allowed geometric error.
+    mode : {"hybrid", "slices", "polygons"}
+        Whether boxes may be drawn as both, slices alone, or polygons alone.
+    rule : {"secant", "paper"}
+        Whose slice counts and costs.
+    horizon : bool
+        Whether to drop boxes hidden behind nearer ground (``rule="secant"`` only).
+    """
+    view = View(tolerance_px, frame.pixels_per_radian, frame.viewport_px[0] * frame.viewport_px[1], tree.spacing_m)
+    paper = rule == "paper"
+    first = tree.culler.select(frame, horizon=horizon and not paper, split_ratio=0.0 if paper else START_RATIO)
+    looked_at = _look_at(tree, frame, view, speeds, paper, Nodes(first.level, first.row, first.col))
+    chosen = [looked_at.where(np.zeros(0, np.intp))]
+    while len(looked_at.slices_ms):
+        inner = looked_at.nodes.level > BASE_LEVEL
+        chosen.append(looked_at.where(~inner))
+        looked_at = looked_at.where(inner)
+        parent, nodes = tree.children(looked_at.nodes)
+        children = _look_at(tree, frame, view, speeds, paper, nodes, parent)
+        if paper:  # slices alone: polygons cost the same at every level
+            whole, part = looked_at.slices_ms, children.slices_ms * DESCENT
+        else:
+            whole = _least_ms(mode, looked_at.slices_ms, looked_at.polygons_ms)
+            part = _least_ms(mode, children.slices_ms * DESCENT, children.polygons_ms)
+        parts = np.bincount(children.parent, part, len(whole))
+        descend = ~(whole <= parts) | ~np.isfinite(whole)
+        chosen.append(looked_at.where(~descend))
+        looked_at = children.where(descend[children.parent])
+    return _decide(tree, frame, mode, speeds, chosen)
+
+
+class _Choice(NamedTuple):
+    """Visible nodes and what drawing them would take; arrays (n,)."""
+
+    parent: npt.NDArray[np.intp]  # index among the nodes looked at before
+    nodes: Nodes
+    direction: Ints
+    slices: Ints
+    slices_ms: Floats  # infinite where slices cannot be used, or (paper) have no bound
+    polygons_ms: Floats
+
+    def where(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> _Choice:
+        return _Choice(
+            self.parent[kept], self.nodes.where(kept), self.direction[kept], self.slices[kept], self.slices_ms[kept],
+            self.polygons_ms[kept],
+        )  # fmt: skip
+
+
+def _least_ms(mode: Mode, slices_ms: Floats, polygons_ms: Floats) -> Floats:
+    """The cost of the cheaper way that ``mode`` allows."""
+    if mode == "hybrid":
+        return np.minimum(slices_ms, polygons_ms)
+    return slices_ms if mode == "slices" else polygons_ms
+
+
+def _look_at(
+    tree: SliceTree, frame: Frame, view: View, speeds: Speeds, paper: bool, nodes: Nodes,
+    parent: npt.NDArray[np.intp] | None = None,
+) -> _Choice:  # fmt: skip
+    """Those of the nodes that are in the frustum, with their bundles and costs."""
+    lower, upper = (corner.astype(np.float32) for corner in tree.corners(nodes, frame.eye_m))
+    centre, half = (lower + upper) * np.float32(0.5), (upper - lower) * np.float32(0.5)
+    planes = np.concatenate([frame.side_planes, frame.camera.forward[None]]).astype(np.float32)
+    distance, reach = centre @ planes.T, half @ np.abs(planes).T  # (n, 5)
+    distance[:, 4] -= np.float32(frame.near_m)
+    kept = np.flatnonzero((distance > -reach).all(axis=1))
+    lower, upper, distance, reach, nodes = lower[kept], upper[kept], distance[kept], reach[kept], nodes.where(kept)
+    share = 0.5 + 0.5 * distance[:, :4] / np.maximum(reach[:, :4], np.float32(1e-6))
+    inside: Floats = np.clip(share, 0, 1).prod(axis=1, dtype=np.float32)
+    dx, dz = tree.spacing_m
+    cells = np.asarray((upper[:, 0] - lower[:, 0]) * (upper[:, 2] - lower[:, 2]) / (dx * dz), np.float32)
+    boxes = Boxes(lower, upper, inside, cells, tree.peak_m[tree.number(nodes)])
+    bundles = (paper_bundles if paper else refined_bundles)(boxes, view, speeds)
+    if paper:  # no bound where the box crosses the near plane or the sides: descend, polygons at the leaves
+        crosses = distance < reach
+        bundles.slices_ms[crosses[:, 4] | (crosses[:, :4].any(axis=1) & (nodes.level > BASE_LEVEL))] = np.inf
+    return _Choice(np.zeros(len(kept), np.intp) if parent is None else parent[kept], nodes, *bundles)
+
+
+def _decide(tree: SliceTree, frame: Frame, mode: Mode, speeds: Speeds, parts: list[_Choice]) -> Cut:
+    """The final choice between slices and polygons, sorted front to back."""
+    level, row, col = (np.concatenate(a) for a in zip(*(p.nodes for p in parts), strict=True))
+    direction, slices, slices_ms, polygons_ms = (
+        np.concatenate(a) for a in zip(*(p[2:] for p in parts), strict=True)
+    )  # fmt: skip
+    sliced = np.isfinite(slices_ms)
+    if mode == "polygons":
+        sliced[:] = False
+    elif mode == "hybrid":
+        sliced &= slices_ms < polygons_ms
+        # The pass that looks for slices covers the picture: below its cost no slice pays.
+        if (polygons_ms - slices_ms)[sliced].sum() < speeds.search_ms:
+            sliced[:] = False
+    nodes = Nodes(level, row, col)
+    order = front_to_back(tree, frame, nodes)
+    nodes, sliced = nodes.where(order), sliced[order]
+    lower, upper = tree.corners(nodes)
+    cost_ms = float(np.where(sliced, slices_ms[order], polygons_ms[order]).sum()) + speeds.search_ms * bool(
+        sliced.any()
+    )
+    return Cut(
+        nodes, lower, upper, np.where(sliced, direction[order], np.int32(POLYGONS)),
+        np.where(sliced, slices[order], np.int32(0)), cost_ms,
+    )  # fmt: skip
+
+
+def front_to_back(tree: SliceTree, frame: Frame, nodes: Nodes) -> npt.NDArray[np.intp]:
+    """The order (n,) in which rays from the eye pass the nodes of a cut.
+
+    Nodes are squares in the ground plane, counted in cells. Where a ray enters square B after A, B's centre is at least
+    (a + b) / 2 further along one axis, a and b being their sides, and less than (a + b) / 2 nearer along the other,
+    since the squares do not overlap: the sum of distances along both axes grows. (Squares on the eye's own row or
+    column may come out of order, which costs a few pixels drawn twice.)
+    """
+    half = np.left_shift(np.int32(1), nodes.level) * 0.5
+    away = np.abs((nodes.col << nodes.level) + half - frame.eye_m[0] / tree.spacing_m[0])
+    away += np.abs((nodes.row << nodes.level) + half - frame.eye_m[2] / tree.spacing_m[1])
+    return np.argsort(away, kind="stable")
+
+
+def name_slices(cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool) -> npt.NDArray[np.uint32]:
+    """One word per slice, box by box, front to back inside each.
+
+    Parameters
+    ----------
+    cut : Cut
+    eye_m : ndarray (3,)
+    closed : bool
+        Whether bundles are closed by those faces of their box through which rays from the eye leave it.
+
+    Returns
+    -------
+    ndarray of uint32
+        The box in the low `BOX_BITS`, the slice's number above.
+    """
+    leaves = np.zeros((len(cut.slices), FACE_COUNT), np.bool_)
+    if closed:
+        leaves[:, 0::2], leaves[:, 1::2] = cut.lower_m < eye_m, cut.upper_m > eye_m
+        leaves[:, 3] = False  # above its highest post a box is empty
+        leaves[cut.direction == POLYGONS] = False
+        for direction, faces in ((X_SLICES, (0, 1)), (Y_SLICES, (2, 3)), (Z_SLICES, (4, 5))):
+            leaves[np.ix_(cut.direction == direction, faces)] = False  # the last slice stands there
+    faces_per_box = leaves.sum(axis=1)
+    total = cut.slices + faces_per_box
+    box = np.repeat(np.arange(len(total)), total)
+    number = np.arange(len(box)) - np.repeat(np.cumsum(total) - total, total)
+    is_face = number >= cut.slices[box]
+    number[is_face] = LAST_NUMBER - np.nonzero(leaves)[1]
+    return np.asarray(box | number << BOX_BITS).astype(np.uint32)

@@ -1,0 +1,211 @@
+"""What slices and polygons cost, and how many slices a box needs: formulas of adaptive slicing over arrays of boxes.
+
+Source: S. Röttger, T. Ertl, *Hardware Accelerated Terrain Rendering by Adaptive Slicing*, VMV 2001, sections 3 and 4.
+
+Deviations: those of `terrain.algorithms.slicing`. `paper_bundles` holds the paper's formulas, `refined_bundles` the
+default ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int32]
+
+POLYGONS, X_SLICES, Y_SLICES, Z_SLICES = 0, 1, 2, 3
+
+# Ground that rises between two planes, seen by neither, may be this much of the tolerance high. At 1 single pixels
+# leaked: chords run in four directions, rays in all.
+PEAK_PX = 0.8
+# No box needs more planes: a leaf of 8 cells is then cut every 1/32 of a cell.
+MOST_SLICES = 256
+# The share of a box's triangles that cost what a visible one does; the others face away, or are hidden or outside.
+TRIANGLES_SEEN = 0.6
+# Faces of its own that close a bundle, on average.
+FACES = 2
+# Rasterisers work on blocks of pixels: a slice of w x h pixels touches about (w + 4) (h + 4).
+BLOCK_PX = 4.0
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """How long a machine takes; measured by the renderer's calibration.
+
+    Attributes
+    ----------
+    vertex_ms, pixel_ms : float
+        The paper's 1 / vtx_speed and 1 / rst_speed (section 4).
+    slice_ms, slice_pixel_ms : float
+        One slice, and one of its pixels that passes the depth test.
+    found_pixel_ms : float
+        One pixel whose surface is looked for between two planes, and shaded.
+    triangle_ms, polygon_pixel_ms : float
+        One triangle of a polygon box, and one of its pixels.
+    search_ms : float
+        Preparing to find slices, whether there are any or not.
+    """
+
+    vertex_ms: float
+    pixel_ms: float
+    slice_ms: float
+    slice_pixel_ms: float
+    found_pixel_ms: float
+    triangle_ms: float
+    polygon_pixel_ms: float
+    search_ms: float
+
+
+class View(NamedTuple):
+    """What the formulas need of a view: tolerance [px], K [px per (size / distance)], its pixels, post spacing [m]."""
+
+    tolerance_px: float
+    pixels_per_radian: float
+    pixels: int
+    spacing_m: tuple[float, float]
+
+
+class Boxes(NamedTuple):
+    """Boxes relative to the eye: corners (n, 3) [m], the share in the frustum (n,), cells (n,), peaks (n, k) [m]."""
+
+    lower_m: Floats
+    upper_m: Floats
+    inside: Floats
+    cells: Floats
+    peak_m: Floats  # column k: over chords of 2^(k + 1) cells
+
+
+class Bundles(NamedTuple):
+    """How boxes would be sliced, and what that or their polygons would cost: arrays (n,)."""
+
+    direction: Ints
+    slices: Ints
+    slices_ms: Floats
+    polygons_ms: Floats
+
+
+def projected_px(length_m: Floats, distance_m: Floats, cosine: Floats | float, pixels_per_radian: float) -> Floats:
+    """x'(x, l, theta) of section 3: pixels of a segment at a distance, seen under an angle with this cosine."""
+    return np.asarray(length_m * cosine * np.float32(pixels_per_radian) / distance_m)
+
+
+def paper_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
+    """Sections 3 and 4 as printed: distance and angle of sight are the least over the eight corners."""
+    size = boxes.upper_m - boxes.lower_m
+    is_upper = (np.arange(8)[:, None] >> np.arange(3) & 1).astype(np.bool_)
+    corner = np.where(is_upper, boxes.upper_m[:, None], boxes.lower_m[:, None])  # (n, 8, 3)
+    distance = np.maximum(np.sqrt(np.einsum("nci,nci->nc", corner, corner)), np.float32(1e-3))
+    sine = np.abs(corner[..., 1]) / distance
+    near, least_sine, most_sine = distance.min(axis=1), sine.min(axis=1), sine.max(axis=1)
+    most_cosine = np.sqrt(np.maximum(1 - least_sine * least_sine, 0))
+    scale, per_px = view.pixels_per_radian, np.float32(1.0 / view.tolerance_px)
+
+    facing = _facing(boxes, view)
+    is_x = facing == X_SLICES
+    along, width = np.where(is_x, size[:, 0], size[:, 2]), np.where(is_x, size[:, 2], size[:, 0])
+    count_y = np.ceil(projected_px(size[:, 1], near, most_cosine, scale) * per_px).clip(1)
+    count_xz = np.ceil(projected_px(along, near, 1.0, scale) * per_px).clip(1)
+
+    vertex_ms = np.float32(speeds.vertex_ms)
+
+    def raster_ms(area_m2: Floats, cosine: Floats) -> Floats:
+        return np.asarray(area_m2 * cosine * np.float32(speeds.pixel_ms) * (np.float32(scale) / near) ** 2)
+
+    ground_ms = raster_ms(size[:, 0] * size[:, 2], most_sine)
+    cost_y = count_y * (4 * vertex_ms + ground_ms)
+    cost_xz = count_xz * (4 * vertex_ms + raster_ms(width * size[:, 1], most_cosine))
+    centre = boxes.lower_m + boxes.upper_m
+    from_above = np.abs(centre[:, 1]) > np.hypot(centre[:, 0], centre[:, 2])  # above 45 degrees
+    from_above &= boxes.upper_m[:, 1] < 0
+    fans = boxes.cells / np.float32(4)  # (s / 2)^2 fans of 10 vertices each
+    return Bundles(
+        np.where(from_above, np.int32(Y_SLICES), facing),
+        np.where(from_above, count_y, count_xz).clip(1, MOST_SLICES).astype(np.int32),
+        np.where(from_above, cost_y, cost_xz).astype(np.float32),
+        np.asarray(10 * fans * vertex_ms + ground_ms, np.float32),
+    )
+
+
+def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
+    """Planes as far apart as secant steps allow; costs by the pixels that are really touched."""
+    lower, upper = boxes.lower_m, boxes.upper_m
+    size, centre = upper - lower, (lower + upper) * np.float32(0.5)
+    (dx, dz), scale = (np.float32(s) for s in view.spacing_m), np.float32(view.pixels_per_radian)
+    across = np.maximum(np.hypot(centre[:, 0], centre[:, 2]), np.float32(1e-3))
+    below = np.abs(centre[:, 1])
+    distance = np.hypot(across, below)
+    gap = np.maximum(np.maximum(lower, -upper), 0)
+    near = np.maximum(np.sqrt(np.einsum("ni,ni->n", gap, gap)), np.float32(1e-3))
+    pixel = near * np.float32(view.tolerance_px) / scale  # the paper's spacing [m]: never denser
+    chord = chord_cells(boxes.peak_m, pixel * np.float32(PEAK_PX))
+    # Perspective makes the near part of a box count more than its centre, the more the box surrounds the eye.
+    per_m = scale / np.sqrt(distance * near)
+    most_px = np.float32(view.pixels)
+    pixel_ms = np.float32(speeds.slice_pixel_ms) * boxes.inside
+
+    def slices_ms(count: Floats, width_m: Floats, height_m: Floats) -> Floats:
+        touched = np.minimum(
+            (width_m * per_m + np.float32(BLOCK_PX)) * (height_m * per_m + np.float32(BLOCK_PX)), most_px
+        )
+        return (count + np.float32(FACES)) * np.float32(speeds.slice_ms) + count * touched * pixel_ms
+
+    facing = _facing(boxes, view)
+    is_x = facing == X_SLICES
+    along, width = np.where(is_x, size[:, 0], size[:, 2]), np.where(is_x, size[:, 2], size[:, 0])
+    square = np.abs(np.where(is_x, centre[:, 0], centre[:, 2])) / across  # 1 where the slices are seen face on
+    spacing = np.maximum(np.maximum(chord * np.where(is_x, dx, dz), pixel), along / np.float32(MOST_SLICES))
+    count_xz = np.ceil(along / spacing - np.float32(1e-3)).clip(1)
+    tall = size[:, 1] * across / distance
+    cost_xz = slices_ms(count_xz, width * square, tall)
+    cost_xz[(gap[:, 0] <= 0) & (gap[:, 2] <= 0)] = np.inf  # the eye stands over or in the box: none faces it
+
+    drop = -upper[:, 1]
+    reach = np.hypot(np.maximum(-lower[:, 0], upper[:, 0]), np.maximum(-lower[:, 2], upper[:, 2]))
+    tangent = np.maximum(drop, np.float32(1e-3)) / reach  # the flattest ray that meets the box's top
+    spacing = np.maximum(np.maximum(chord * min(dx, dz), pixel) * tangent, size[:, 1] / np.float32(MOST_SLICES))
+    count_y = np.ceil(size[:, 1] / spacing - np.float32(1e-3)).clip(1)
+    side = np.sqrt(size[:, 0] * size[:, 2])
+    deep = side * below / distance
+    cost_y = slices_ms(count_y, side, deep)
+    cost_y[drop <= 0] = np.inf
+
+    horizontal = cost_y < cost_xz
+    # What a box shows: its ground, and half of the side it turns to the eye.
+    shown = np.minimum(side * (deep + np.float32(0.5) * tall) * per_m * per_m, most_px) * boxes.inside
+    return Bundles(
+        np.where(horizontal, np.int32(Y_SLICES), facing),
+        np.where(horizontal, count_y, count_xz).astype(np.int32),
+        np.minimum(cost_y, cost_xz) + np.float32(speeds.found_pixel_ms) * shown,
+        boxes.cells * np.float32(2 * TRIANGLES_SEEN * speeds.triangle_ms) + np.float32(speeds.polygon_pixel_ms) * shown,
+    )
+
+
+def chord_cells(peak_m: Floats, allowed_m: Floats) -> Floats:
+    """The longest chord [cells] over which ground rises by at most ``allowed_m``.
+
+    Linear between the chords that are known: nothing rises over a chord of no length, ``peak_m[:, k]`` over one of
+    2^(k + 1) cells.
+
+    Parameters
+    ----------
+    peak_m : ndarray (n, k), not falling along k
+    allowed_m : ndarray (n,)
+    """
+    count = peak_m.shape[1]
+    lengths = np.concatenate([[0.0], 2.0 ** np.arange(1, count + 1)]).astype(np.float32)
+    below = (peak_m <= allowed_m[:, None]).sum(axis=1)
+    above = np.minimum(below, count - 1)
+    rows = np.arange(len(peak_m))
+    start = np.where(below > 0, peak_m[rows, below - 1], np.float32(0))
+    share = np.clip((allowed_m - start) / np.maximum(peak_m[rows, above] - start, np.float32(1e-30)), 0.0, 1.0)
+    return np.asarray(lengths[below] + share * (lengths[above + 1] - lengths[below]))
+
+
+def _facing(boxes: Boxes, view: View) -> Ints:
+    """X_SLICES or Z_SLICES, whichever faces the viewer: the eye is never between such a box's first and last plane."""
+    x, z = (np.maximum(boxes.lower_m[:, i], -boxes.upper_m[:, i]) / np.float32(view.spacing_m[i // 2]) for i in (0, 2))
+    return np.where(x > z, np.int32(X_SLICES), np.int32(Z_SLICES))

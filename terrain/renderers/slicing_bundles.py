@@ -1,0 +1,221 @@
+"""The GPU's side of slices: packed heights, one small record per box, one word per slice, and the passes over them.
+
+A record holds three texels: the box's lower corner and the number of slices; its upper corner and the width of the
+border; axis, near face and far face. ``shaders/lib/slices.glsl`` reads them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from terrain.algorithms.slicing import Cut
+from terrain.algorithms.slicing_cost import POLYGONS, Y_SLICES, Z_SLICES
+from terrain.frame import Frame, Output
+from terrain.gpu.context import Gpu
+from terrain.gpu.geometry import Geometry
+from terrain.gpu.programs import UNITS
+
+RECORDS_PER_ROW = 256
+GL_COLOR = 0x1800
+STRIPS = 16  # into which the picture is cut when slices are resolved
+# How far slices reach over their box [px]: corners of triangles are rounded to 1/256 px, and no ray may slip between.
+BORDER_PX = 0.1
+PAPER_BORDER_PX = 1.0  # section 5
+
+
+class SliceBundles:
+    """Draws bundles of slices of one height field.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    heights_m : ndarray of float32, (rows, cols)
+    """
+
+    def __init__(self, gpu: Gpu, heights_m: npt.NDArray[np.float32]) -> None:
+        self._gpu = gpu
+        self.slices = 0
+        self._packed = pack_cells(gpu, heights_m)
+        self._names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
+        self._records = self._texture((3 * RECORDS_PER_ROW, 16), 4, "f4")
+        self._strips = gpu.ctx.buffer(reserve=16 * STRIPS, dynamic=True)
+        content = [(self._names, "1u /i", "in_slice")]
+        strips = [(self._strips, "4f /i", "in_strip")]
+        self._found, self._resolve, self._direct = (
+            {
+                key: Geometry(gpu, vertex, fragment, slices, defines=dict.fromkeys(key, 1))
+                for key in keys
+            }
+            for vertex, fragment, slices, keys in (
+                ("slicing", "slicing", content, ((), ("FROM_ABOVE_ONLY",))),
+                ("slicing_resolve", "slicing_resolve", strips, ((), ("HARD_TEST",), ("FROM_ABOVE_ONLY",))),
+                ("slicing", "slicing_direct", content, ((), ("ANTIALIASED",), ("ANTIALIASED", "HARD_TEST"))),
+            )
+        )  # fmt: skip
+        self._hits: tuple[moderngl.Texture, moderngl.Framebuffer, Any] | None = None
+        clear = gpu.function("glClearBufferuiv", None, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)
+        assert clear is not None  # in OpenGL 3.0
+        self._clear = clear
+
+    @property
+    def resident_bytes(self) -> int:
+        """Bytes of packed heights and buffers on the GPU."""
+        hits = 0 if self._hits is None else 4 * self._hits[0].width * self._hits[0].height
+        records = 16 * self._records.width * self._records.height
+        return 16 * self._packed.width * self._packed.height + self._names.size + records + hits
+
+    def write_names(self, names: npt.NDArray[np.uint32]) -> None:
+        """Upload the slices to be drawn, in order (`terrain.algorithms.slicing.name_slices`)."""
+        self.slices = len(names)
+        if names.nbytes > self._names.size:
+            self._names.orphan(2 * names.nbytes)
+        self._names.write(np.ascontiguousarray(names))
+
+    def write_records(self, cut: Cut, frame: Frame, border_px: float) -> int:
+        """Upload the boxes of a cut as they stand around the eye of ``frame``; returns the number of bytes."""
+        records = pack_records(cut, frame, border_px)
+        if len(records) > self._records.height:
+            self._records.release()
+            self._records = self._texture((3 * RECORDS_PER_ROW, 2 * len(records)), 4, "f4")
+        self._records.write(records, viewport=(0, 0, 3 * RECORDS_PER_ROW, len(records)))
+        return records.nbytes
+
+    def find(self, target: moderngl.Framebuffer, from_above_only: bool) -> None:
+        """Find the first slice hit at each pixel, in front of what is in ``target`` already; its depth is updated."""
+        hits, framebuffer = self._hits_of(target)
+        framebuffer.use()
+        self._clear(GL_COLOR, 0, (ctypes.c_uint * 4)(0, 0, 0, 0))
+        self.bind()
+        key = ("FROM_ABOVE_ONLY",) if from_above_only else ()
+        self._render(self._found[key], "shaded")
+        hits.use(UNITS["u_extra1"])
+        target.use()
+
+    def resolve(
+        self, output: Output, strips: npt.NDArray[np.float32], hard_test: bool, from_above_only: bool = False
+    ) -> None:
+        """Write what was found inside ``strips`` (`strips_of`) into the bound target."""
+        key = ("HARD_TEST",) if hard_test else ("FROM_ABOVE_ONLY",) if from_above_only else ()
+        ctx = self._gpu.ctx
+        self.bind()
+        self._strips.write(strips)
+        ctx.disable(moderngl.CULL_FACE)
+        ctx.depth_func = "1"  # always: a point found on the slice itself has the very depth that is there
+        self._resolve[key].render(output, moderngl.TRIANGLE_STRIP, 4, instances=len(strips))
+        ctx.depth_func = ">"
+        ctx.enable(moderngl.CULL_FACE)
+
+    def draw(self, output: Output) -> None:
+        """Draw all of each slice into the bound target, in ground or not."""
+        self.bind()
+        self._render(self._direct[()], output)
+
+    def draw_antialiased(self, output: Output, hard_test: bool) -> None:
+        """Blend slices into the bound target; they must come back to front."""
+        ctx = self._gpu.ctx
+        self.bind()
+        ctx.enable(moderngl.BLEND)
+        ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        self._render(self._direct[("ANTIALIASED", "HARD_TEST") if hard_test else ("ANTIALIASED",)], output)
+        ctx.disable(moderngl.BLEND)
+
+    def release(self) -> None:
+        """Release everything on the GPU."""
+        for geometries in (self._found, self._resolve, self._direct):
+            for geometry in geometries.values():
+                geometry.release()
+        self._release_hits()
+        for part in (self._packed, self._names, self._records, self._strips):
+            part.release()
+
+    def bind(self) -> None:
+        """Bind heights and records to their units."""
+        self._packed.use(UNITS["u_packed"])
+        self._records.use(UNITS["u_extra0"])
+
+    def _render(self, geometry: Geometry, output: Output) -> None:
+        ctx = self._gpu.ctx
+        ctx.disable(moderngl.CULL_FACE)  # both sides of a slice are seen
+        geometry.render(output, moderngl.TRIANGLE_STRIP, 4, instances=self.slices)
+        ctx.enable(moderngl.CULL_FACE)
+
+    def _hits_of(self, target: moderngl.Framebuffer) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
+        """Where names are kept: a texture that shares the target's depth."""
+        depth = target.depth_attachment
+        if self._hits is None or self._hits[2] is not depth or self._hits[0].size != target.size:
+            self._release_hits()
+            names = self._texture((target.width, target.height), 1, "u4")
+            self._hits = names, self._gpu.ctx.framebuffer([names], depth), depth
+        return self._hits[:2]
+
+    def _release_hits(self) -> None:
+        if self._hits is not None:
+            self._gpu.release_framebuffer(self._hits[1])
+            self._hits[0].release()
+            self._hits = None
+
+    def _texture(self, size: tuple[int, int], components: int, dtype: str) -> moderngl.Texture:
+        texture = self._gpu.ctx.texture(size, components, dtype=dtype)
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+
+def pack_cells(gpu: Gpu, heights_m: npt.NDArray[np.float32]) -> moderngl.Texture:
+    """The four corner heights (nw, ne, sw, se) of every cell in one RGBA32F texel: a sample costs one fetch."""
+    rows, cols = heights_m.shape
+    texture = gpu.ctx.texture((cols - 1, rows - 1), 4, dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    band = 256  # rows at a time: the copies of a large terrain need not exist at once
+    for first in range(0, rows - 1, band):
+        h = heights_m[first : first + band + 1]
+        corners = np.stack([h[:-1, :-1], h[:-1, 1:], h[1:, :-1], h[1:, 1:]], axis=-1)
+        texture.write(corners, viewport=(0, first, cols - 1, corners.shape[0]))
+    return texture
+
+
+def pack_records(cut: Cut, frame: Frame, border_px: float) -> npt.NDArray[np.float32]:
+    """The records of a cut's boxes: (rows of RECORDS_PER_ROW boxes, 12 * RECORDS_PER_ROW) float32."""
+    boxes = len(cut.slices)
+    lower, upper = cut.lower_m - frame.eye_m, cut.upper_m - frame.eye_m
+    gap = np.maximum(np.maximum(lower, -upper), 0.0)
+    border = border_px * np.sqrt((gap * gap).sum(axis=1)) / frame.pixels_per_radian
+    axis = np.select([cut.direction == Y_SLICES, cut.direction == Z_SLICES], [1, 2], 0)
+    low, high = (np.take_along_axis(corner, axis[:, None], axis=1)[:, 0] for corner in (lower, upper))
+    is_ahead = np.abs(low) < np.abs(high)
+    near, far = np.where(is_ahead, low, high), np.where(is_ahead, high + border, low - border)
+    rows = -(-boxes // RECORDS_PER_ROW)
+    records = np.zeros((rows * RECORDS_PER_ROW, 12), np.float32)
+    used = records[:boxes]
+    used[:, 0:3], used[:, 3], used[:, 4:7], used[:, 7] = lower, cut.slices, upper, border
+    used[:, 8], used[:, 9], used[:, 10] = axis, near, far
+    return records.reshape(rows, -1)
+
+
+def strips_of(cut: Cut, frame: Frame) -> npt.NDArray[np.float32]:
+    """Upright strips of the picture and how much of each the sliced boxes cover: (`STRIPS`, 4) float32.
+
+    Columns are the low and the high corner, 0..1 from the lower left; a strip without slices is empty.
+    """
+    sliced = cut.direction != POLYGONS
+    ends = np.stack([cut.lower_m[sliced], cut.upper_m[sliced]]) - frame.eye_m
+    which = np.arange(8)[:, None] >> np.arange(3) & 1
+    corner = ends[which, :, np.arange(3)].transpose(2, 0, 1)  # (n, 8, 3)
+    clip = corner @ frame.clip_from_eye[[0, 1, 3], :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        screen = np.clip(0.5 + 0.5 * clip[..., :2] / clip[..., 2:], 0.0, 1.0)
+    low, high = screen.min(axis=1), screen.max(axis=1)
+    around = (clip[..., 2] <= frame.near_m).any(axis=1)  # a corner behind the eye says nothing
+    low[around], high[around] = 0.0, 1.0
+    margin = 1.5 / np.array(frame.viewport_px)  # borders of slices, and rounding
+    edge = np.arange(STRIPS + 1) / STRIPS
+    touches = (low[:, 0] - margin[0] <= edge[1:, None]) & (high[:, 0] + margin[0] >= edge[:-1, None])  # (STRIPS, n)
+    strips = np.zeros((STRIPS, 4), np.float32)
+    strips[:, 0], strips[:, 2] = edge[:-1], edge[1:]
+    strips[:, 1] = np.where(touches, low[:, 1] - margin[1], 1.0).min(axis=1, initial=1.0).clip(0.0)
+    strips[:, 3] = np.where(touches, high[:, 1] + margin[1], 0.0).max(axis=1, initial=0.0).clip(strips[:, 1], 1.0)
+    return strips

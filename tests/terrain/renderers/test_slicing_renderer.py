@@ -1,0 +1,329 @@
+"""Slices draw the reference's surface: everywhere, with no hole, no solid side and no seam."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import minimum_filter
+
+import terrain.renderers.slicing as slicing
+from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
+from terrain.algorithms.slicing_tree import Nodes
+from terrain.camera import Camera
+from terrain.frame import Frame
+from terrain.gpu.context import Gpu
+from terrain.heightfield import Heightfield
+from terrain.pyramid import build_pyramid
+from terrain.renderers.reference import ReferenceRenderer
+from terrain.renderers.slicing import SlicingRenderer, SlicingSettings, rank_correlation, split_nodes
+from terrain.renderers.slicing_bundles import pack_cells, pack_records, strips_of
+from terrain.renderers.slicing_calibration import load_speeds, measure_speeds
+from terrain.scene import Scene
+from terrain.stage import Stage
+
+SIZE = (160, 120)
+# Slices are cheap here, so that a hybrid picture of a small terrain holds both kinds.
+SPEEDS = Speeds(
+    vertex_ms=6e-5, pixel_ms=2e-6, slice_ms=2e-4, slice_pixel_ms=2e-6, found_pixel_ms=8e-6, triangle_ms=8e-5,
+    polygon_pixel_ms=8e-6, search_ms=0.0,
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def known_speeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slicing, "load_speeds", lambda gpu, viewport_px, anew: SPEEDS)
+
+
+def hills(posts: int = 129) -> np.ndarray:
+    random = np.random.default_rng(5)
+    row, col = np.indices((posts, posts))
+    heights = 50 * np.sin(row / 13.0) * np.cos(col / 17.0) + 12 * np.sin((row - col) / 4.0)
+    return heights + random.normal(0, 1.0, heights.shape)
+
+
+def cliffs(posts: int = 129) -> np.ndarray:
+    row, col = np.indices((posts, posts))
+    return 60.0 * ((row // 23 + col // 31) % 2) + 0.05 * row
+
+
+def scene_of(heights: np.ndarray, holes: np.ndarray | None = None) -> Scene:
+    terrain = Heightfield(np.ascontiguousarray(heights, np.float32), (10.0, 10.0), holes)
+    return Scene(terrain, build_pyramid(terrain.heights_m))
+
+
+SCENES = {"hills": hills(), "cliffs": cliffs(), "flat": np.zeros((129, 129))}
+CAMERAS = {
+    "eye height": Camera((200.0, 66.0, 1100.0), 40.0, -3.0),
+    "low": Camera((640.0, 120.0, 1250.0), 10.0, -12.0),
+    "45 degrees": Camera((640.0, 500.0, 1100.0), 20.0, -45.0),
+    "from above": Camera((650.0, 900.0, 630.0), 0.0, -90.0),
+    "edge from outside": Camera((-300.0, 40.0, 500.0), 90.0, -2.0),
+    "corner from outside": Camera((-250.0, 160.0, 1500.0), 50.0, -8.0, 15.0),
+}
+
+
+def positions(stage: Stage, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """World positions and where there is terrain."""
+    world = stage.positions(camera, SIZE)
+    return world, ~np.isnan(world[..., 0])
+
+
+def error_px(scene: Scene, frame: Frame, world: np.ndarray) -> np.ndarray:
+    """Vertical distance to the surface, in pixels, of covered positions (n, 3)."""
+    off_m = np.abs(world[:, 1] - scene.heightfield.heights_at(world[:, 0], world[:, 2]))
+    return np.nan_to_num(off_m) * frame.pixels_per_radian / np.linalg.norm(world - frame.eye_m, axis=1)
+
+
+@pytest.mark.parametrize("terrain", SCENES)
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("mode", ["hybrid", "slices"])
+def test_slices_show_what_the_mesh_shows(gpu: Gpu, terrain: str, camera: str, mode: str) -> None:
+    scene = scene_of(SCENES[terrain])
+    stage = Stage(gpu, scene, "reference")
+    try:
+        expected, is_expected = positions(stage, CAMERAS[camera])
+        stage.renderer.release()
+        stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings(mode=mode))
+        found, is_found = positions(stage, CAMERAS[camera])
+        frame = stage.frame(CAMERAS[camera], SIZE)
+        assert stage.renderer.stats.slices, "slices are drawn"
+        if mode == "hybrid":
+            assert np.percentile(error_px(scene, frame, found[is_found]), 99.9) <= 0.5
+        assert np.percentile(error_px(scene, frame, found[is_found]), 99) <= 0.25
+        assert not (minimum_filter(is_expected, 3) & ~is_found).any(), "no hole"
+        assert not (minimum_filter(~is_expected, 3) & is_found).any(), "no solid side"
+        both = is_expected & is_found
+        off_m = np.linalg.norm(found[both] - expected[both], axis=1)
+        distance_m = np.linalg.norm(expected[both] - frame.eye_m, axis=1)
+        assert (off_m < 0.05 * distance_m).mean() > 0.975, "the same hill is in front"
+    finally:
+        stage.release()
+
+
+@pytest.mark.parametrize("camera", ["low", "45 degrees", "edge from outside"])
+@pytest.mark.parametrize("mode", ["hybrid", "slices"])
+def test_posts_without_data_are_holes_one_sees_through(gpu: Gpu, camera: str, mode: str) -> None:
+    holes = np.zeros((129, 129), np.bool_)
+    holes[60:80, 50:75] = holes[100:104, 60:64] = True
+    scene = scene_of(hills(), holes)
+    stage = Stage(gpu, scene, "reference")
+    try:
+        expected, is_expected = positions(stage, CAMERAS[camera])
+        stage.renderer.release()
+        stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings(mode=mode))
+        found, is_found = positions(stage, CAMERAS[camera])
+        assert not (minimum_filter(is_expected, 5) & ~is_found).any()
+        assert not (minimum_filter(~is_expected, 5) & is_found).any()
+        both = minimum_filter(is_expected & is_found, 3)
+        off_m = np.linalg.norm(found[both] - expected[both], axis=1)
+        assert (off_m < 30.0).mean() > 0.97, "the same ground is seen through holes"
+    finally:
+        stage.release()
+
+
+@pytest.fixture
+def stage(gpu: Gpu):
+    scene = scene_of(hills())
+    stage = Stage(gpu, scene, "reference")
+    stage.renderer.release()
+    stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings())
+    yield stage
+    stage.release()
+
+
+def test_the_picture_is_the_references(stage: Stage) -> None:
+    camera = CAMERAS["low"]
+    found = stage.render(camera, SIZE).astype(float)
+    slicing_renderer = stage.renderer
+    stage.renderer = ReferenceRenderer(stage.gpu, stage.scene, ReferenceRenderer.Settings())
+    expected = stage.render(camera, SIZE).astype(float)
+    stage.renderer.release()
+    stage.renderer = slicing_renderer
+    assert np.abs(found - expected).mean() < 1.5
+    assert (np.abs(found - expected).max(axis=-1) < 40).mean() > 0.98
+
+
+def test_depth_is_that_of_the_surface(stage: Stage) -> None:
+    camera = CAMERAS["low"]
+    world, covered = positions(stage, camera)
+    frame = stage.frame(camera, SIZE)
+    depth = stage.target(SIZE, "position").read_depth()
+    view_depth = (world - frame.eye_m) @ camera.forward
+    assert np.allclose(depth[covered], frame.near_m / view_depth[covered], rtol=1e-3)
+    assert (depth[~covered] == 0).all()
+
+
+def test_the_papers_rule_errs_more_at_a_larger_tolerance(stage: Stage) -> None:
+    camera, errors, counts = CAMERAS["45 degrees"], [], []
+    stage.renderer.release()
+    stage.renderer = SlicingRenderer(stage.gpu, stage.scene, SlicingSettings(rule="paper", mode="slices"))
+    for tolerance in (0.5, 1.0, 8.0):
+        stage.renderer.settings = SlicingSettings(rule="paper", mode="slices", tolerance_px=tolerance)
+        world, covered = positions(stage, camera)
+        errors.append(error_px(stage.scene, stage.frame(camera, SIZE), world[covered]).mean())
+        counts.append(stage.renderer.stats.slices)
+    assert errors == sorted(errors)
+    assert counts == sorted(counts, reverse=True)
+    assert errors[1] < 1.0
+
+
+def test_overdraw_counts_every_pixel_that_is_shown(stage: Stage) -> None:
+    stage.renderer.settings = SlicingSettings(mode="slices")
+    camera = CAMERAS["low"]
+    _, covered = positions(stage, camera)
+    frame = replace(stage.frame(camera, SIZE), output="overdraw")
+    target = stage.target(SIZE, "count")
+    stage.draw_output(frame, target)
+    counts = target.read()[..., 0]
+    assert (counts[minimum_filter(covered, 3)] >= 1).all()
+    assert counts.max() < 100
+
+
+def test_antialiased_slices_soften_the_skyline_and_nothing_else(stage: Stage) -> None:
+    camera = CAMERAS["low"]
+    hard = stage.render(camera, SIZE).astype(float)
+    stage.renderer.settings = SlicingSettings(antialias=True)
+    soft = stage.render(camera, SIZE).astype(float)
+    changed = np.abs(soft - hard).max(axis=-1)
+    assert (changed > 3).any()
+    assert np.median(changed) <= 3
+    assert changed.mean() < 10
+
+
+def test_figure_4_shows_boxes_and_dark_fan_centres(stage: Stage) -> None:
+    camera = CAMERAS["low"]
+    stage.renderer.settings = SlicingSettings(figure=True)
+    picture = stage.render(camera, SIZE)
+    assert (picture.max(axis=-1) < 40).any(), "dark centres"
+    stage.renderer.settings = SlicingSettings(figure=True, mode="slices")
+    colours = stage.render(camera, SIZE)[60:].reshape(-1, 3)
+    assert len(np.unique(colours[colours.max(axis=1) > 40], axis=0)) < 40, "flat colours of boxes"
+
+
+def test_levels_are_directions(stage: Stage) -> None:
+    stage.render(CAMERAS["45 degrees"], SIZE, view="levels")
+    boxes = stage.renderer.boxes()
+    assert set(boxes.level) <= {POLYGONS, X_SLICES, Y_SLICES, Z_SLICES}
+    assert (boxes.upper_m >= boxes.lower_m).all()
+
+
+def test_views_draw_without_an_error(stage: Stage) -> None:
+    for view in ("wireframe", "boxes", "overdraw", "levels", "normals"):
+        assert stage.render(CAMERAS["low"], SIZE, view=view).std() > 1
+
+
+def test_a_frozen_choice_can_be_seen_from_elsewhere(stage: Stage) -> None:
+    stage.freeze(stage.frame(CAMERAS["low"], SIZE))
+    assert stage.render(CAMERAS["corner from outside"], SIZE).std() > 1
+    stage.thaw()
+
+
+def test_a_look_at_nothing_but_sky_draws_nothing(stage: Stage) -> None:
+    _, covered = positions(stage, Camera((640.0, 400.0, 640.0), 0.0, 60.0))
+    assert not covered.any()
+    assert stage.renderer.stats.slices == 0
+
+
+def test_stats_tell_what_was_chosen(stage: Stage) -> None:
+    target = stage.target(SIZE)
+    for _ in range(2):
+        stats = stage.draw(stage.frame(CAMERAS["low"], SIZE), target)
+    sliced = sum(stats.extra[f"boxes of {axis}-slices"] for axis in "xyz")
+    assert sliced > 0
+    assert sliced + stats.extra["polygon boxes"] == len(stage.renderer.boxes().level)
+    assert stats.extra["fans"] == stats.triangles / 8
+    assert stats.extra["estimated ms"] > 0
+    assert stats.extra["measured ms"] > 0
+
+
+def test_a_driver_without_clip_control_sees_the_same(gpu: Gpu) -> None:
+    plain = Gpu(gpu.ctx, clip_control=False)
+    scene = scene_of(hills())
+    try:
+        counts = []
+        for context in (gpu, plain):
+            context.prepare_state()
+            if context is plain:
+                gpu.release_state()
+                context.prepare_state()
+            stage = Stage(context, scene, "reference")
+            stage.renderer.release()
+            stage.renderer = SlicingRenderer(context, scene, SlicingSettings())
+            counts.append(positions(stage, CAMERAS["low"])[1])
+            stage.release()
+        assert (counts[0] != counts[1]).mean() < 0.002
+    finally:
+        plain.programs.release()
+        gpu.prepare_state()
+
+
+def test_packed_cells_hold_the_corners_of_every_cell(gpu: Gpu) -> None:
+    heights = np.random.default_rng(1).normal(0, 10, (300, 37)).astype(np.float32)
+    texture = pack_cells(gpu, heights)
+    packed = np.frombuffer(texture.read(), np.float32).reshape(299, 36, 4)
+    texture.release()
+    assert (packed[..., 0] == heights[:-1, :-1]).all()
+    assert (packed[..., 1] == heights[:-1, 1:]).all()
+    assert (packed[..., 2] == heights[1:, :-1]).all()
+    assert (packed[..., 3] == heights[1:, 1:]).all()
+
+
+def test_planes_run_away_from_the_eye(stage: Stage) -> None:
+    frame = stage.frame(CAMERAS["45 degrees"], SIZE)
+    stage.renderer.settings = SlicingSettings(mode="slices")
+    stage.renderer.select(frame)
+    cut = stage.renderer._cut
+    records = pack_records(cut, frame, 0.1).reshape(-1, 12)[: len(cut.slices)]
+    sliced = cut.direction != POLYGONS
+    assert (np.abs(records[sliced, 9]) < np.abs(records[sliced, 10])).all()
+    assert (records[sliced, 9] * records[sliced, 10] > 0).all(), "the eye is never between two planes"
+
+
+def test_strips_hold_every_pixel_of_a_slice(stage: Stage) -> None:
+    frame = stage.frame(CAMERAS["low"], SIZE)
+    stage.renderer.settings = SlicingSettings(mode="slices")
+    world, covered = positions(stage, CAMERAS["low"])
+    strips = strips_of(stage.renderer._cut, frame)
+    row, col = np.nonzero(covered)
+    x, y = (col + 0.5) / SIZE[0], 1 - (row + 0.5) / SIZE[1]
+    strip = strips[np.minimum((x * len(strips)).astype(int), len(strips) - 1)]
+    assert ((y >= strip[:, 1]) & (y <= strip[:, 3])).all()
+    assert world.shape == (*SIZE[::-1], 3)
+
+
+def test_nodes_split_into_the_tiles_inside_the_grid() -> None:
+    nodes = Nodes(*(np.array(a, np.int32) for a in ([5, 3], [0, 6], [0, 1])))
+    posts = split_nodes(nodes, 3, (100, 24))
+    assert len(posts) == 4 * 3 + 1
+    assert posts.max(axis=0).tolist() == [16, 48]
+    assert len(np.unique(posts, axis=0)) == len(posts)
+
+
+def test_rank_correlation_is_that_of_the_order() -> None:
+    x = np.array([3.0, 1.0, 7.0, 5.0])
+    assert rank_correlation(np.stack([x, np.exp(x)], axis=1)) == pytest.approx(1.0)
+    assert rank_correlation(np.stack([x, -x], axis=1)) == pytest.approx(-1.0)
+
+
+def test_speeds_are_measured_once_per_viewport(
+    gpu: Gpu, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+    first = load_speeds(gpu, (64, 48))
+    assert all(value >= 0 for value in vars(first).values())
+    assert first.slice_ms > 0
+    monkeypatch.setattr(
+        "terrain.renderers.slicing_calibration.measure_speeds", lambda *_: pytest.fail("measured again")
+    )
+    assert load_speeds(gpu, (64, 48)) == first
+    monkeypatch.setattr("terrain.renderers.slicing_calibration.measure_speeds", lambda *_: replace(first, slice_ms=9.0))
+    assert load_speeds(gpu, (64, 48), anew=True).slice_ms == 9.0
+    assert load_speeds(gpu, (64, 48)).slice_ms == 9.0
+
+
+def test_measuring_speeds_leaves_no_gl_error(gpu: Gpu) -> None:
+    speeds = measure_speeds(gpu, (64, 48))
+    assert speeds.triangle_ms > 0
+    assert gpu.ctx.error == "GL_NO_ERROR"
