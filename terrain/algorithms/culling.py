@@ -221,10 +221,10 @@ class Culler:
                 if seam[opening].any():
                     break  # a hole below or behind the eye: all round it
             span = slice(fill_start[filled], fill_start[until])
-            at, values = fill_bins[span], fill_values[span]
+            azimuth, values = fill_bins[span], fill_values[span]
             if opened:
-                values = np.minimum(values, np.maximum(ceiling[at], bins[at]))
-            np.maximum.at(bins, at, values)
+                values = np.minimum(values, np.maximum(ceiling[azimuth], bins[azimuth]))
+            np.maximum.at(bins, azimuth, values)
             filled = until
             first_bin = test_start[start]
             lowest = np.minimum.reduceat(

@@ -8,12 +8,13 @@ from terrain.renderers.perturbation import PerturbationRenderer
 from terrain.renderers.reference import ReferenceRenderer
 from terrain.renderers.slicing import SlicingRenderer
 
+# The digit keys 0 to 5 follow this order.
 _TABLE: tuple[type[Renderer], ...] = (
     ReferenceRenderer,
-    GeomorphRenderer,
-    MultiresolutionRenderer,
+    SlicingRenderer,
     PainterRenderer,
     PerturbationRenderer,
-    SlicingRenderer,
+    MultiresolutionRenderer,
+    GeomorphRenderer,
 )
 RENDERERS: dict[str, type[Renderer]] = {renderer.name: renderer for renderer in _TABLE}

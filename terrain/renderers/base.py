@@ -50,7 +50,7 @@ class Renderer(Protocol):
     name: str  # "slicing": the stem
     title: str  # "Adaptive slicing"
     source: str  # the paper
-    Settings: type[Settings]
+    Settings: Any  # the subclass of Settings it takes
     diagonal: Diagonal  # the surface it promises to draw
     settings: Any  # an instance of Settings; the stage assigns a new one when a setting changes
     stats: FrameStats
