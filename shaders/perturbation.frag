@@ -70,7 +70,7 @@ void main() {
                 vec2 gap = gap_to_plane(bars, bound.xy, height, corner_from_eye(corner));
                 float gap0 = gap.x + gap.y * t, gap1 = gap.x + gap.y * t1;
                 // Middle planes of neighbours do not meet: below one at its rim is a hit too, the step between them.
-                is_met = is_thin && (is_above ? min(gap0, gap1) <= 0.0 : gap0 > 0.0 && gap1 <= 0.0);
+                is_met = is_thin && (is_above ? min(gap0, gap1) <= 0.0 : gap0 > RISEN * t && gap1 <= 0.0);
                 bool is_passed = !is_met && (is_thin || min(side * gap0, side * gap1) > 0.0);
                 is_leaf = !is_met && !is_passed && level == 1;
 #ifdef FROM_BELOW

@@ -24,7 +24,7 @@ void main() {
     vec2 west_north = vec2(-u_eye_cell) - u_eye_map.xy, east_south = vec2(u_cells - u_eye_cell) - u_eye_map.xy;
     vec2 towards = max(bars.direction.xy + reach, 1e-20), back = min(bars.direction.xy - reach, -1e-20);
     vec2 over = max(max(west_north / towards, east_south / back), 0.0);
-    float first = max(max(over.x, over.y), u_eye_height.z);
+    float first = max(over.x, over.y);
     if (u_range.y < 0.0) first = max(first, lowest < 0.0 ? u_range.y / lowest : NEVER);
 
     // Between `first` and the middle ray's entry rays may be over the map already: the first node must hold that too.

@@ -7,6 +7,9 @@ uniform sampler2D u_packed;  // RGBA32F: corner heights (nw, ne, sw, se) of ever
 uniform sampler2D u_posts;   // R32F: heights of posts
 
 const float NO_HIT = -1.0;
+// From below, a ray this share of its length above the surface has come up: over a step between levels of detail. Less is
+// rounding where it has just passed through ground without data.
+const float RISEN = 1e-5;
 
 float fall(float t0, float gap0, float t1, float gap1) {
     return gap0 > 0.0 ? mix(t0, t1, gap0 / (gap0 - gap1)) : t0;
@@ -51,6 +54,7 @@ float cross_cell(Bars bars, ivec2 cell, float t0, float t1, inout bool is_above,
     for (int i = 0; i < 4; ++i) posts[i] = (posts[i] - u_eye_map.z) - u_eye_map.w;
     vec2 corner = corner_from_eye(cell);
     float hit = NO_HIT, from = t0, gap_from = gap_at(bars, posts, corner, t0);
+    is_above = is_above || gap_from > RISEN * t0;
     for (int piece = 1; piece <= PIECES; ++piece) {
         float to = mix(t0, t1, float(piece) / float(PIECES)), gap_to = gap_at(bars, posts, corner, to);
         if (is_above && gap_to <= 0.0) {
@@ -94,6 +98,7 @@ float cross_cell(Bars bars, ivec2 cell, float t0, float t1, inout bool is_above,
     float c = bars.direction.z * t0 - (h.x + (h.y - h.x) * uv0.x + (h.z - h.x) * uv0.y + bend * uv0.x * uv0.y);
     float end = bars.direction.z * t1 - (h.x + (h.y - h.x) * uv1.x + (h.z - h.x) * uv1.y + bend * uv1.x * uv1.y);
     float b = end - c - a;
+    is_above = is_above || c > RISEN * t0;
     float turn = abs(b) < 2.0 * abs(a) ? clamp(-0.5 * b / a, 0.0, 1.0) : 1.0;
     float gap_turn = c + turn * (b + turn * a);
     // Of the two roots the one where the gap falls, in the form that does not cancel.
@@ -129,7 +134,7 @@ float cross_cell(Bars bars, ivec2 cell, float t0, float t1, inout bool is_above,
     float gap0 = bars.direction.z * t0 - dot(plane, vec3(1.0, uv0)) - bend * min(uv0.x, uv0.y);
     float gap1 = bars.direction.z * t1 - dot(plane, vec3(1.0, uv1)) - bend * min(uv1.x, uv1.y);
     float gap_turn = bars.direction.z * turn - dot(plane, vec3(1.0, uv)) - bend * min(uv.x, uv.y);
-    bool first = is_above && gap_turn <= 0.0, second = gap_turn > 0.0 && gap1 <= 0.0;
+    bool first = (is_above || gap0 > RISEN * t0) && gap_turn <= 0.0, second = gap_turn > 0.0 && gap1 <= 0.0;
     is_above = gap1 > 0.0;
     if (first || second) {
         float side = first && side0 != 0.0 ? side0 : side1;  // which of the two triangles

@@ -36,6 +36,7 @@ Single = npt.NDArray[np.float32]
 Interpolation = Literal["triangles", "bilinear", "bicubic"]
 
 _EXACT_LEVEL = 3  # bounds above this level come from the planes of this level: 4 % looser, no full-resolution pass each
+_NO_BOUND = np.float32(-1e30)
 _TOP_NODES = 8  # the coarsest level has at most this many nodes along a side
 _ROUNDING = 4e-7  # float32 arithmetic on the GPU may be wrong by this share of the numbers it adds
 
@@ -64,7 +65,10 @@ class Bounds:
     range_m: tuple[float, float]
 
 
-def build_bounds(heights: Single, interpolation: Interpolation = "triangles", *, sloped: bool = True) -> Bounds:
+def build_bounds(
+    heights: Single, interpolation: Interpolation = "triangles", *, sloped: bool = True,
+    holes: npt.NDArray[np.bool_] | None = None,
+) -> Bounds:  # fmt: skip
     """Bound the surface over every node of the quadtree.
 
     Parameters
@@ -74,12 +78,17 @@ def build_bounds(heights: Single, interpolation: Interpolation = "triangles", *,
         Bicubic surfaces overshoot their posts; the bounds allow for it.
     sloped : bool
         Planes through the node; False for constant bounds, the paper's maximum pyramid.
+    holes : ndarray of bool, (rows, cols), or None
+        Posts without data. Nodes on their rim get no lower bound, so that no level of detail moves the rim.
     """
     rows, cols = heights.shape[0] - 1, heights.shape[1] - 1
     top = max(1, int(np.ceil(np.log2(max(rows, cols) / _TOP_NODES))))
     over, under = _overshoot(heights) if interpolation == "bicubic" else (None, None)
     slopes = _slopes(heights, top) if sloped else None
     levels: list[Single] = []
+    if holes is not None:
+        corners = (holes[:-1, :-1], holes[:-1, 1:], holes[1:, :-1], holes[1:, 1:])
+        rim = np.logical_or.reduce(corners) & ~np.logical_and.reduce(corners)
     for level in range(1, top + 1):
         shape = (-(-rows >> level), -(-cols >> level))
         a, b = slopes[level - 1] if slopes is not None else (np.zeros(shape, np.float32),) * 2
@@ -90,8 +99,12 @@ def build_bounds(heights: Single, interpolation: Interpolation = "triangles", *,
                 lower -= _block_max(under, 1 << level)
         else:
             upper, lower = _bound_nodes(levels[_EXACT_LEVEL - 1], a, b, level - _EXACT_LEVEL)
-        pad = _ROUNDING * (np.maximum(np.abs(upper), np.abs(lower)) + (np.abs(a) + np.abs(b)) * (1 << level))
-        levels.append(np.stack([a, b, upper + pad, lower - pad], axis=-1).astype(np.float32))
+        largest = np.maximum(np.abs(upper), np.where(lower > _NO_BOUND, np.abs(lower), np.float32(0)))
+        pad = _ROUNDING * (largest + (np.abs(a) + np.abs(b)) * (1 << level))
+        upper, lower = upper + pad, lower - pad
+        if holes is not None:
+            lower[_block_max(rim, 1 << level)] = _NO_BOUND
+        levels.append(np.stack([a, b, upper, np.maximum(lower, _NO_BOUND)], axis=-1).astype(np.float32))
     widened = [
         _widen(fine, coarse, 1 << level) for level, (fine, coarse) in enumerate(itertools.pairwise(levels), start=1)
     ]

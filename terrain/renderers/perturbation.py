@@ -211,7 +211,9 @@ class _Plane:
         terrain = plane.heightfield
         self.plane, self.colour, self._gpu = plane, colour, gpu
         interpolation = cast(Interpolation, settings.interpolation)
-        self.bounds = build_bounds(terrain.heights_m, interpolation, sloped=settings.bounds == "planes")
+        self.bounds = build_bounds(
+            terrain.heights_m, interpolation, sloped=settings.bounds == "planes", holes=terrain.holes
+        )
         self._map_from_world = plane.map_from_world
         self._corners_m = plane.corners_m(self.bounds.range_m)
         ctx = gpu.ctx
@@ -260,18 +262,21 @@ class _Plane:
         u, v, h = (self._map_from_world @ np.append(frame.eye_m, 1.0))[:3]
         rows, cols = self.bounds.cells
         is_inside = 0.0 <= u <= cols and 0.0 <= v <= rows
-        ground = float(self.plane.heightfield.heights_at(u * self._spacing[0], v * self._spacing[1]))
-        is_below = is_inside and h <= ground
+        is_below = is_near = False
+        if is_inside:
+            terrain = self.plane.heightfield
+            dx, dz = terrain.spacing_m
+            clearance = h - float(terrain.heights_at(u * dx, v * dz))
+            row, col = max(int(v) - 1, 0), max(int(u) - 1, 0)
+            steepest = float(np.ptp(terrain.heights_m[row : row + 4, col : col + 4])) / min(dx, dz)
+            is_below = clearance <= 0.0
+            is_near = clearance <= 4.0 * frame.near_m * math.hypot(1.0, steepest)  # the near plane may cut the ground
         cell = (math.floor(u), math.floor(v))
         return _View(
             self._map_from_world[:3, :3], cell, (u - cell[0], v - cell[1]), h,
             (1e-20 if 2 * u < cols else -1e-20, 1e-20 if 2 * v < rows else -1e-20),
-            is_below, is_below or not is_inside or self.plane.heightfield.holes is not None,
+            is_below, is_near or not is_inside or self.plane.heightfield.holes is not None,
         )  # fmt: skip
-
-    @property
-    def _spacing(self) -> tuple[float, float]:
-        return self.plane.heightfield.spacing_m
 
     def farthest_m(self, frame: Frame) -> float:
         """Distance from the eye to the farthest corner."""
@@ -279,12 +284,13 @@ class _Plane:
 
     def set_view(self, program: moderngl.Program, view: _View, below_m: float = 0.0) -> None:
         low, high = self.bounds.range_m[0] - below_m, self.bounds.range_m[1]
+        margin = 1e-6 * max(abs(low - view.eye_h), abs(high - view.eye_h))  # flat ground must keep some thickness
         h = np.float32(view.eye_h)
         _set(program, "u_map_from_world", tuple(view.map_from_world.T.ravel()))
         _set(program, "u_cells", self.bounds.cells[::-1])
         _set(program, "u_eye_cell", view.eye_cell)
         _set(program, "u_eye_map", (*view.eye_part, float(h), view.eye_h - float(h)))
-        _set(program, "u_range", (low - view.eye_h, high - view.eye_h))
+        _set(program, "u_range", (low - view.eye_h - margin, high - view.eye_h + margin))
         _set(program, "u_inwards", view.inwards)
         _set(program, "u_top_level", len(self.bounds.levels))
 

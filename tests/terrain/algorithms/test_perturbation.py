@@ -270,3 +270,18 @@ def test_a_flat_as_low_as_the_map_gets_is_met_at_every_level_of_detail():
     origin = np.tile([-900.0, 64.0, 400.0], (len(target), 1))
     hits = cast_rays(heights, build_bounds(heights), origin, target - origin, thickness_per_t=8.0)
     assert np.isfinite(hits.t[np.abs(x.ravel() - 64) < 60]).all()
+
+
+def test_nodes_on_the_rim_of_missing_data_are_never_thin():
+    heights = np.zeros((130, 97), np.float32)
+    holes = np.zeros(heights.shape, np.bool_)
+    holes[40:90, 33:34] = True
+    for level, nodes in enumerate(build_bounds(heights, holes=holes).levels, start=1):
+        thickness = nodes[..., 2] - nodes[..., 3]
+        rim = thickness > 1e20
+        assert rim[(45 >> level), (33 >> level)]
+        assert rim.sum() >= (50 >> level)
+        assert np.isfinite(nodes).all()
+        if level < 4:
+            assert (thickness[~rim] < 1e-3).all()
+            assert not rim[0, 0]
