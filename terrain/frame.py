@@ -14,7 +14,7 @@ from terrain.camera import Camera
 Output = Literal["shaded", "position", "levels", "normals", "overdraw", "flat"]
 """What a fragment writes; ``shaders/lib/output.glsl`` has one branch for each.
 
-``shaded`` colour · ``position`` world position relative to the eye (xyz, float32) with w = 1 · ``levels`` a colour per
+``shaded`` colour · ``position`` world position relative to the eye (xyz, float32) with w >= 1 · ``levels`` a colour per
 level of detail · ``normals`` the normal of the drawn surface as colour · ``overdraw`` adds 1 · ``flat`` one colour
 (lines of the wireframe view).
 """
