@@ -129,7 +129,9 @@ void main() {
     vec2 uv = clamp(bars.direction.xy * t - corner_from_eye(cell), 0.0, 1.0);
     slope = vec2(mix(h.y - h.x, h.w - h.z, uv.y), mix(h.z - h.x, h.w - h.y, uv.x));
     vec3 normal = normalize(vec3(-slope, 1.0) * u_map_from_world);  // normals go by the inverse transpose
-    vec3 light = u_sunlight.rgb * max(dot(normal, u_sun.xyz), 0.0) + u_sky_light.rgb * (0.5 + 0.5 * normal.y);
+    float bounce = 0.25 * (1.0 - normal.y) + 0.06;  // light from the ground below
+    vec3 light = u_sunlight.rgb * (max(dot(normal, u_sun.xyz), 0.0) + bounce * u_sun.y)
+                 + u_sky_light.rgb * (0.5 + 0.5 * normal.y);
     out_colour = vec4(display_colour(u_albedo * u_albedo * light), 1.0);
 #ifdef FOG
     out_colour.rgb = apply_fog(out_colour.rgb, sight * t);
