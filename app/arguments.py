@@ -80,6 +80,16 @@ def positive(text: str) -> float:
     return value
 
 
+def positives(text: str) -> list[float]:
+    """``"0.5,1"`` -> ``[0.5, 1.0]``: numbers above 0, each once."""
+    return list(dict.fromkeys(positive(part) for part in text.split(",")))
+
+
+def words(text: str) -> list[str]:
+    """``"a,b"`` -> ``["a", "b"]``: names, each once."""
+    return list(dict.fromkeys(part.strip() for part in text.split(",")))
+
+
 def count(text: str) -> int:
     """A whole number from 1."""
     if not re.fullmatch(r"\d{1,9}", text.strip()) or int(text) < 1:

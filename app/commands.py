@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from app import arguments
+from app import arguments, laboratory
 from app.opening import open_stage, open_terrain, read_drawing, read_texture
 from terrain.errors import InputError
 
@@ -150,6 +150,9 @@ def _make_options(parser: argparse.ArgumentParser) -> None:
 COMMANDS: dict[str, Command] = {
     "view": Command(view, _view_options),
     "render": Command(render, _render_options),
+    "chart": Command(laboratory.chart, laboratory.chart_options),
+    "check": Command(laboratory.check, laboratory.check_options),
+    "reproduce": Command(laboratory.reproduce, laboratory.reproduce_options),
     "info": Command(info, _info_options),
     "make": Command(make, _make_options),
 }
