@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,7 @@ from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
 SPLIT_RATIO = 10.0  # culling nodes are split while nearer than this many times their size
-BUDGET_GAIN = 0.6  # how much of the gap between cost and budget one frame closes (in powers)
+LARGEST_GAIN, SMALLEST_GAIN = 0.6, 0.02  # how much of the gap between cost and budget one frame closes, in powers
 INSTANCE_DTYPE = np.dtype([("tile", np.int32, 4), ("lam", np.float32), ("edge_lam", np.float32, 4)])
 
 
@@ -82,6 +83,7 @@ class GeomorphRenderer:
         self._tiles: Tiles | None = None
         self._counts = np.zeros(len(meshes), np.int64)  # tiles per mesh of 2^k cells per side
         self._tolerance_px = settings.tolerance_px
+        self._excess, self._gain = 0.0, LARGEST_GAIN
         self._index_bytes = sum(mesh.nbytes for mesh in meshes)
 
     def select(self, frame: Frame) -> None:
@@ -109,8 +111,13 @@ class GeomorphRenderer:
         if settings.budget == "off":
             self._tolerance_px = settings.tolerance_px
         elif cost > 0:
-            # Triangles fall about in proportion to the tolerance.
-            self._tolerance_px *= float(np.clip(cost / budget, 0.25, 4.0)) ** BUDGET_GAIN
+            # Triangles fall about in proportion to the tolerance, but on even ground by leaps: where a step went past
+            # the budget, the next ones are shorter.
+            excess = math.log(cost / budget)
+            crossed = excess * self._excess < 0
+            self._gain = max(0.5 * self._gain, SMALLEST_GAIN) if crossed else min(1.1 * self._gain, LARGEST_GAIN)
+            self._excess = excess
+            self._tolerance_px *= math.exp(self._gain * min(max(excess, -1.4), 1.4))
         self._tolerance_px = float(np.clip(self._tolerance_px, settings.tolerance_px, 1024.0))
         return self._tolerance_px
 
