@@ -161,6 +161,7 @@ class Session:
         if self.gpu.is_software:
             self.gpu.ctx.finish()  # a software rasteriser's time is only known when it has finished
         self.frame_ms.append(1e3 * (time.perf_counter() - begin))
+        self.stats.frame_ms = self.stats.gpu_ms or self.frame_ms[-1]  # what a time budget goes by
         return self.picture
 
     # What keys and widgets do
