@@ -187,9 +187,10 @@ def _summary(results: dict[str, Any]) -> str:
     for run in results["runs"]:
         if "frame_ms" in run and "geometric_error_px" in run:
             error, promise = run["geometric_error_px"], "kept" if is_promise_kept(run) else "BROKEN"
+            tolerance_px, frame_ms = run["settings"].get("tolerance_px", 0), run["frame_ms"]["p50"]
             lines.append(
-                f"{run['algorithm']:16} {run['settings'].get('tolerance_px', 0):5g} px  {run['frame_ms']['p50']:7.1f} ms"
-                f"  p99.9 {error['p999']:6.2f} px  max {error['max']:6.2f} px  holes {run['holes_px']}  {promise}"
+                f"{run['algorithm']:16} {tolerance_px:5g} px  {frame_ms:7.1f} ms  p99.9 {error['p999']:6.2f} px"
+                f"  max {error['max']:6.2f} px  holes {run['holes_px']}  {promise}"
             )
     return "\n".join(lines)
 
