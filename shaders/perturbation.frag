@@ -9,6 +9,13 @@
 // Neighbouring pixels may lie on different hills: the ground's textures are filtered by the surface's own change.
 mat2 ground_change;
 #define texture(image, place) textureGrad(image, place, ground_change[0], ground_change[1])
+#ifdef HOLES  // are found on the way, not when the hit is shaded: the ray goes on behind them
+#undef HOLES
+#define PASS_HOLES
+#if !defined(OUTPUT_SHADED) && !defined(OUTPUT_LEVELS)
+uniform sampler2D u_ground;
+#endif
+#endif
 #include "lib/output.glsl"
 #undef texture
 #ifdef PLANE
@@ -101,14 +108,15 @@ void main() {
                     else if (!is_hit && leave.y <= t2) cell.y += 2 * bars.ahead.y - 1;
                 } while (!is_hit && t < t_end && cell >> 1 == node);
             }
-#ifdef HOLES
-            // Ground without data is passed through.
-            if (is_hit) {
-                vec2 place = (vec2(u_eye_cell) + u_eye_map.xy + bars.direction.xy * t + 0.5) / u_grid.xy;
-                mat2 change = posts_per_pixel(bars, slope, t);
-                is_hit = textureGrad(u_ground, place, change[0] / u_grid.xy, change[1] / u_grid.xy).a >= 0.5;
-                is_above = is_hit;
-            }
+#ifdef PASS_HOLES
+            // Ground without data is passed through. Filtered like the mesh's; but rays of a quad share a mip level, so that
+            // beside a silhouette the texture itself has a say.
+            vec2 place = (vec2(u_eye_cell) + u_eye_map.xy + bars.direction.xy * t + 0.5) / u_grid.xy;
+            mat2 change = posts_per_pixel(bars, slope, t);
+            float data = textureGrad(u_ground, place, change[0] / u_grid.xy, change[1] / u_grid.xy).a;
+            bool is_open = max(data, textureLod(u_ground, place, 0.0).a) < 0.5;
+            if (is_hit) is_above = !is_open;
+            is_hit = is_hit && !is_open;
 #endif
         } while (!is_hit && t < t_end && steps < u_step_limit);
         // Where the steps run out the ray is above the surface and in a node that holds it: that is the hit.
