@@ -7,7 +7,7 @@ Deviations:
 
 * The hit on a slice is carried back to the surface by secant steps between this plane and the one before (in the
   shader), so planes need not lie a pixel apart. Their distance is the longest over which no ground rises over its chord
-  by more than the tolerance (`terrain.algorithms.slicing_tree`); it is never denser than the paper's.
+  by more than the tolerance (`terrain.algorithms.slicing_tree`).
 * A bundle is closed by the far sides and the bottom of its box, so that a ray that meets the ground and leaves the box
   before the next plane is caught where it leaves. The paper's borders (section 5) leak at steep ground.
 * Horizontal slices are used wherever they are cheaper, not only above 45 degrees: over a flat box a few of them do what

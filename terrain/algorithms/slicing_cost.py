@@ -22,10 +22,14 @@ POLYGONS, X_SLICES, Y_SLICES, Z_SLICES = 0, 1, 2, 3
 # Ground that rises between two planes, seen by neither, may be this much of the tolerance high. At 1 single pixels
 # leaked: chords run in four directions, rays in all.
 PEAK_PX = 0.8
-# No box needs more planes: a leaf of 8 cells is then cut every 1/32 of a cell.
-MOST_SLICES = 256
+# A box that needs more slices is split; a leaf of 8 cells is cut every 1/64 of a cell at most.
+MOST_SLICES = 512
+LEAF_CELLS = 64
+# Planes never come closer than this share of the tolerance: what is thinner shows in one pixel or not at all. (With the
+# paper's whole pixel, single pixels leaked between the treetops of a city.)
+DENSEST = 0.5
 # The share of a box's triangles that cost what a visible one does; the others face away, or are hidden or outside.
-TRIANGLES_SEEN = 0.6
+TRIANGLES_SEEN = 0.3
 # Faces of its own that close a bundle, on average.
 FACES = 2
 # Rasterisers work on blocks of pixels: a slice of w x h pixels touches about (w + 4) (h + 4).
@@ -140,7 +144,7 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     distance = np.hypot(across, below)
     gap = np.maximum(np.maximum(lower, -upper), 0)
     near = np.maximum(np.sqrt(np.einsum("ni,ni->n", gap, gap)), np.float32(1e-3))
-    pixel = near * np.float32(view.tolerance_px) / scale  # the paper's spacing [m]: never denser
+    pixel = near * np.float32(view.tolerance_px) / scale  # the paper's spacing [m]
     chord = chord_cells(boxes.peak_m, pixel * np.float32(PEAK_PX))
     # Perspective makes the near part of a box count more than its centre, the more the box surrounds the eye.
     per_m = scale / np.sqrt(distance * near)
@@ -148,16 +152,18 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     pixel_ms = np.float32(speeds.slice_pixel_ms) * boxes.inside
 
     def slices_ms(count: Floats, width_m: Floats, height_m: Floats) -> Floats:
+        many = (count > np.float32(MOST_SLICES)) & (boxes.cells > np.float32(LEAF_CELLS + 0.5))
         touched = np.minimum(
             (width_m * per_m + np.float32(BLOCK_PX)) * (height_m * per_m + np.float32(BLOCK_PX)), most_px
         )
-        return (count + np.float32(FACES)) * np.float32(speeds.slice_ms) + count * touched * pixel_ms
+        cost = (count + np.float32(FACES)) * np.float32(speeds.slice_ms) + count * touched * pixel_ms
+        return np.where(many, np.float32(np.inf), cost)
 
     facing = _facing(boxes, view)
     is_x = facing == X_SLICES
     along, width = np.where(is_x, size[:, 0], size[:, 2]), np.where(is_x, size[:, 2], size[:, 0])
     square = np.abs(np.where(is_x, centre[:, 0], centre[:, 2])) / across  # 1 where the slices are seen face on
-    spacing = np.maximum(np.maximum(chord * np.where(is_x, dx, dz), pixel), along / np.float32(MOST_SLICES))
+    spacing = np.maximum(chord * np.where(is_x, dx, dz), np.float32(DENSEST) * pixel)
     count_xz = np.ceil(along / spacing - np.float32(1e-3)).clip(1)
     tall = size[:, 1] * across / distance
     cost_xz = slices_ms(count_xz, width * square, tall)
@@ -166,7 +172,7 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     drop = -upper[:, 1]
     reach = np.hypot(np.maximum(-lower[:, 0], upper[:, 0]), np.maximum(-lower[:, 2], upper[:, 2]))
     tangent = np.maximum(drop, np.float32(1e-3)) / reach  # the flattest ray that meets the box's top
-    spacing = np.maximum(np.maximum(chord * min(dx, dz), pixel) * tangent, size[:, 1] / np.float32(MOST_SLICES))
+    spacing = np.maximum(chord * min(dx, dz), np.float32(DENSEST) * pixel) * tangent
     count_y = np.ceil(size[:, 1] / spacing - np.float32(1e-3)).clip(1)
     side = np.sqrt(size[:, 0] * size[:, 2])
     deep = side * below / distance
@@ -178,7 +184,7 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     shown = np.minimum(side * (deep + np.float32(0.5) * tall) * per_m * per_m, most_px) * boxes.inside
     return Bundles(
         np.where(horizontal, np.int32(Y_SLICES), facing),
-        np.where(horizontal, count_y, count_xz).astype(np.int32),
+        np.where(horizontal, count_y, count_xz).clip(1, MOST_SLICES).astype(np.int32),
         np.minimum(cost_y, cost_xz) + np.float32(speeds.found_pixel_ms) * shown,
         boxes.cells * np.float32(2 * TRIANGLES_SEEN * speeds.triangle_ms) + np.float32(speeds.polygon_pixel_ms) * shown,
     )

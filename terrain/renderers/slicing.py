@@ -32,8 +32,7 @@ from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
 TILE_LEVELS = (3, 4, 5)  # polygon boxes are drawn in tiles of 8, 16 and 32 cells, one draw call each
-SAMPLE_EVERY = 8  # frames between two comparisons of estimate and clock on software GL, where each waits for the GPU
-SAMPLES = 64
+SAMPLES = 64  # frames over which estimates are compared with the clock
 
 
 @dataclass(frozen=True)
@@ -80,13 +79,13 @@ class SlicingRenderer:
         self._fresh = settings.recalibrate
         self._cut: Cut | None = None
         self._names = np.zeros(0, np.uint32)
-        self._frames = 0
         self._samples: list[tuple[float, float]] = []
         self.stats.prepare_s = time.perf_counter() - begin
 
     def select(self, frame: Frame) -> None:
         settings = self.settings
         speeds = self._speeds_for(frame.viewport_px)
+        self._compare()
         self._cut = cut = select_cut(
             self._tree, frame, speeds, settings.tolerance_px, settings.mode, settings.rule, settings.horizon
         )
@@ -102,19 +101,10 @@ class SlicingRenderer:
     def draw(self, frame: Frame) -> None:
         if self._cut is None:
             return
-        timed = self._gpu.is_software and frame.output == "shaded" and self._frames % SAMPLE_EVERY == 0
-        begin = time.perf_counter()
-        if timed:
-            self._gpu.ctx.finish()
-            begin = time.perf_counter()
         if self.settings.figure and frame.output == "shaded":
             self._draw_figure(frame, self._cut)
         else:
             self._draw_terrain(frame, self._cut)
-        if timed:
-            self._gpu.ctx.finish()
-            self._sample((time.perf_counter() - begin) * 1e3)
-        self._frames += frame.output == "shaded"
 
     def boxes(self) -> Boxes:
         """The chosen boxes; their level is 0 for polygons, else the direction of the slices: 1 x, 2 y, 3 z."""
@@ -183,14 +173,14 @@ class SlicingRenderer:
         self._box_geometry.render("shaded", moderngl.TRIANGLE_STRIP, 4, instances=len(names))
         self._gpu.ctx.enable(moderngl.CULL_FACE)
 
-    def _sample(self, measured_ms: float) -> None:
-        assert self._cut is not None
-        self._samples = [*self._samples[1 - SAMPLES :], (self._cut.cost_ms, measured_ms)]
+    def _compare(self) -> None:
+        """Keep the last frame's estimate and what the clock said."""
+        measured_ms = self.stats.gpu_ms if self.stats.gpu_ms is not None else self.stats.frame_ms
+        if self._cut is not None and measured_ms is not None:
+            self._samples = [*self._samples[1 - SAMPLES :], (self._cut.cost_ms, measured_ms)]
 
     def _fill_stats(self, cut: Cut, uploaded: int) -> None:
         stats, slices = self.stats, len(self._names)
-        if not self._gpu.is_software and stats.gpu_ms is not None:
-            self._samples = [*self._samples[1 - SAMPLES :], (cut.cost_ms, stats.gpu_ms)]
         stats.triangles = sum(tiles.triangles for tiles in self._tiles.values())
         stats.slices = slices
         stats.draw_calls = sum(tiles.count > 0 for tiles in self._tiles.values()) + 2 * (slices > 0)
