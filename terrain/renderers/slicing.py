@@ -75,6 +75,7 @@ class SlicingRenderer:
         self._tiles = {level: _TileSet(gpu, level) for level in TILE_LEVELS}
         self._box_names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
         self._box_geometry = Geometry(gpu, "slicing_boxes", "slicing_figure", [(self._box_names, "1u /i", "in_slice")])
+        self._sky = Geometry(gpu, "fullscreen", "sky")
         self._speeds: dict[tuple[int, int], Speeds] = {}
         self._fresh = settings.recalibrate
         self._cut: Cut | None = None
@@ -115,7 +116,7 @@ class SlicingRenderer:
     def release(self) -> None:
         for tiles in self._tiles.values():
             tiles.release()
-        for part in (self._bundles, self._box_geometry, self._box_names):
+        for part in (self._bundles, self._sky, self._box_geometry, self._box_names):
             part.release()
 
     def _speeds_for(self, viewport_px: tuple[int, int]) -> Speeds:
@@ -135,6 +136,9 @@ class SlicingRenderer:
         if frame.output == "flat":
             bundles.draw(frame.output)
         elif self.settings.antialias and frame.output == "shaded":
+            self._gpu.ctx.depth_func = ">="
+            self._sky.render("shaded", vertices=3)  # soft edges need it behind them
+            self._gpu.ctx.depth_func = ">"
             bundles.draw_antialiased(frame.output, paper)
         else:
             underground = self._may_be_underground(frame)

@@ -190,6 +190,7 @@ def test_antialiased_slices_soften_the_skyline_and_nothing_else(stage: Stage) ->
     assert (changed > 3).any()
     assert np.median(changed) <= 3
     assert changed.mean() < 10
+    assert soft.sum(axis=-1).min() > 0.9 * hard.sum(axis=-1).min(), "edges blend with the sky, not with black"
 
 
 def test_figure_4_shows_boxes_and_dark_fan_centres(stage: Stage) -> None:
