@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from terrain.camera import Camera
-from terrain.heightfield import Heightfield
+from terrain.heightfield import Diagonal, Heightfield
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
@@ -43,7 +43,9 @@ def count_misplaced(distance_m: Floats, truth_m: Floats, reach_px: int, slack: f
     return int((wrong & ~beside_sky).sum() + (blocks & beside_sky).sum())
 
 
-def passes_below(camera: Camera, size_px: tuple[int, int], terrain: Heightfield, margin_px: float = 0.0) -> Bools:
+def passes_below(
+    camera: Camera, size_px: tuple[int, int], terrain: Heightfield, diagonal: Diagonal, margin_px: float = 0.0
+) -> Bools:
     """Pixels (height, width) whose sight ray starts below the ground, or enters the terrain's area below it.
 
     What they show is the inside of an open sheet: holes and errors mean nothing there.
@@ -58,7 +60,7 @@ def passes_below(camera: Camera, size_px: tuple[int, int], terrain: Heightfield,
     enter = np.fmax.reduce([np.nanmin(e, axis=-1, initial=np.inf) for e in ends] + [np.zeros(rays.shape[:2])])
     leave = np.fmin.reduce([np.nanmax(e, axis=-1, initial=-np.inf) for e in ends])
     x, y, z = np.moveaxis(eye + rays * np.where(np.isfinite(enter), enter, 0.0)[..., None], -1, 0)
-    ground = terrain.heights_at(np.clip(x, 0.0, width), np.clip(z, 0.0, depth))
+    ground = terrain.heights_at(np.clip(x, 0.0, width), np.clip(z, 0.0, depth), diagonal)
     margin_m = margin_px * np.linalg.norm(rays, axis=-1) * enter / camera.pixels_per_radian(size_px[1])
     return np.asarray((enter <= leave) & (y < ground + margin_m))
 

@@ -256,7 +256,7 @@ class Checker:
         if not np.isfinite(drawn).all():
             bad["finite"] = f"{int((~np.isfinite(drawn)).any(axis=-1).sum())} pixels are no number"
         terrain, largest_px = self.stage.scene.heightfield, MAXIMUM_SHARE * self.tolerance_px
-        judged = ~passes_below(camera, SIZE_PX, terrain, largest_px)
+        judged = ~passes_below(camera, SIZE_PX, terrain, renderer.diagonal, largest_px)
         shown_m, truth_m = (shown_distances(positions, judged) for positions in (drawn, truth))
         reach_px = math.ceil(largest_px) + 1
         misplaced = count_misplaced(shown_m, truth_m, reach_px, largest_px / frame.pixels_per_radian + 1e-3)
