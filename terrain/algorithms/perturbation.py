@@ -104,7 +104,9 @@ def build_bounds(
         upper, lower = upper + pad, lower - pad
         if holes is not None:
             lower[_block_max(rim, 1 << level)] = _NO_BOUND
-        levels.append(np.stack([a, b, upper, np.maximum(lower, _NO_BOUND)], axis=-1).astype(np.float32))
+        nodes = np.empty((*shape, 4), np.float32)
+        nodes[..., 0], nodes[..., 1], nodes[..., 2], nodes[..., 3] = a, b, upper, np.maximum(lower, _NO_BOUND)
+        levels.append(nodes)
     widened = [
         _widen(fine, coarse, 1 << level) for level, (fine, coarse) in enumerate(itertools.pairwise(levels), start=1)
     ]
@@ -187,18 +189,23 @@ def _bezier(before: Single, first: Single, last: Single, after: Single) -> tuple
 
 def _slopes(heights: Single, top: int) -> list[tuple[Single, Single]]:
     """Least-squares slopes [m per post] of the cells' mean heights over every node, per level from 1."""
-    mean = 0.25 * (heights[:-1, :-1].astype(np.float64) + heights[1:, :-1] + heights[:-1, 1:] + heights[1:, 1:])
-    along_u, along_v, result = np.zeros_like(mean), np.zeros_like(mean), []
+    mean: Floats = (heights[:-1, :-1] + heights[1:, :-1]) + (heights[:-1, 1:] + heights[1:, 1:])
+    mean *= np.float32(0.25)
+    along_u: Floats | None = None
+    along_v: Floats | None = None
+    result = []
     for level in range(1, top + 1):
-        mean, along_u, along_v = (_even(m) for m in (mean, along_u, along_v))
+        mean = _even(mean)
         half = 0.25 * (1 << level)  # from the parent's centre to a child's
         west, east = _pairs(mean, 1)
         north, south = _pairs(mean, 0)
-        along_u, along_v, mean = (
-            _sum4(along_u) + half * _sum2(east - west, 0),
-            _sum4(along_v) + half * _sum2(south - north, 1),
-            _sum4(mean),
+        across, down = (
+            half * _sum2(east - west, 0).astype(np.float64),
+            half * _sum2(south - north, 1).astype(np.float64),
         )
+        along_u = across if along_u is None else across + _sum4(_even(along_u))
+        along_v = down if along_v is None else down + _sum4(_even(along_v))
+        mean = _sum4(mean).astype(np.float64)
         n = float(1 << level)
         spread = n * n * (n * n - 1.0) / 12.0  # sum of squared offsets over the node's n x n cells
         result.append(((along_u / spread).astype(np.float32), (along_v / spread).astype(np.float32)))

@@ -331,9 +331,9 @@ def _mip_texture(gpu: Gpu, levels: tuple[npt.NDArray[np.float32], ...]) -> moder
     texture = gpu.ctx.texture((cols, rows), 4, dtype="f4")
     texture.build_mipmaps(0, len(levels) - 1)
     for number, level in enumerate(levels):
-        padded = np.zeros((rows >> number, cols >> number, 4), np.float32)
-        padded[: level.shape[0], : level.shape[1]] = level
-        texture.write(padded.data, level=number)
+        short = ((0, (rows >> number) - level.shape[0]), (0, (cols >> number) - level.shape[1]), (0, 0))
+        whole_level = np.pad(level, short) if any(missing for _, missing in short) else level
+        texture.write(np.ascontiguousarray(whole_level).data, level=number)
     texture.filter = (moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST)
     return texture
 
