@@ -24,6 +24,7 @@ from terrain.gpu.geometry import Geometry
 from terrain.gpu.lines import Lines, blending
 from terrain.gpu.targets import Kind, Target, create_target
 from terrain.gpu.timer import GpuTimer
+from terrain.heightfield import Diagonal
 from terrain.renderers import RENDERERS
 from terrain.renderers.base import Renderer
 from terrain.scene import Scene
@@ -216,7 +217,12 @@ class Stage:
 
     def _draw_view(self, frame: Frame, target: Target, view: View) -> None:
         output = _OUTPUTS.get(view, "shaded")
-        if output == "overdraw":
+        if view == "error":
+            errors = self._measure_errors(frame)
+            target.framebuffer.use()
+            target.framebuffer.clear(depth=0.0)
+            self._overlays.draw_error(errors, self.renderer.settings.tolerance_px)
+        elif output == "overdraw":
             counts = self.target(frame.viewport_px, "count")
             self._draw_surface(replace(frame, output="overdraw"), counts)
             target.framebuffer.use()
@@ -224,7 +230,7 @@ class Stage:
             self._overlays.draw_overdraw(counts)
         else:
             self._draw_surface(replace(frame, output=output), target)
-        if output == "shaded":
+        if output == "shaded" and view != "error":
             self._draw_surroundings()
         if view == "wireframe":
             self._draw_wireframe(frame)
@@ -272,6 +278,39 @@ class Stage:
         world = data[..., :3] + frame.eye_m
         world[data[..., 3] < 0.5] = np.nan
         return world
+
+    def errors(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> npt.NDArray[np.float32]:
+        """How far the picture is from the truth (height, width, 4), row 0 at the top.
+
+        Signed geometric error [px], vertical error [m], distance [m], and 1 where there is terrain, else 0: against the
+        reference surface of the diagonal rule that the renderer promises.
+        """
+        frame = self.frame(camera, size_px, time_s)
+        self._prepare(frame)
+        return self._measure_errors(frame).read()
+
+    def measure_error(self, positions: Target, errors: Target, diagonal: Diagonal) -> None:
+        """Fill ``errors`` from the position target of the frame just drawn, as `errors` gives them."""
+        errors.framebuffer.use()
+        self._overlays.measure_error(positions, diagonal)
+
+    def _measure_errors(self, frame: Frame) -> Target:
+        positions, errors = (self.target(frame.viewport_px, kind) for kind in ("position", "error"))
+        self._draw_surface(replace(frame, output="position"), positions)
+        self.measure_error(positions, errors, self.renderer.diagonal)
+        return errors
+
+    def corners(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> npt.NDArray[np.float32]:
+        """How many corners of drawn triangles lie in each pixel (height, width), row 0 at the top; hidden ones too."""
+        target = self.target(size_px, "count")
+        frame = replace(self.frame(camera, size_px, time_s), output="overdraw")
+        self._prepare(frame)
+        self.gpu.ctx.disable(moderngl.DEPTH_TEST)
+        with self.gpu.corners_only():
+            self._draw_surface(frame, target)
+        self.gpu.ctx.enable(moderngl.DEPTH_TEST)
+        counts: npt.NDArray[np.float32] = target.read()[..., 0]
+        return counts
 
     def overdraw(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> tuple[float, float]:
         """Mean and maximum number of times a covered pixel is drawn."""

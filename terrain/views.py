@@ -13,16 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.camera import Camera
-from terrain.frame import Frame
+from terrain.frame import Frame, Output
 from terrain.gpu.context import Gpu
 from terrain.gpu.geometry import Geometry
 from terrain.gpu.lines import Lines, blending
 from terrain.gpu.programs import UNITS
 from terrain.gpu.targets import Target
+from terrain.heightfield import Diagonal
 from terrain.renderers.base import Boxes
 
 Floats = npt.NDArray[np.float64]
-View = Literal["shaded", "wireframe", "boxes", "overdraw", "levels", "normals"]
+View = Literal["shaded", "wireframe", "boxes", "overdraw", "levels", "normals", "error"]
 
 
 class ViewHelp(NamedTuple):
@@ -39,6 +40,9 @@ VIEWS: dict[View, ViewHelp] = {
     "overdraw": ViewHelp("Overdraw", "How many times each pixel was drawn."),
     "levels": ViewHelp("Levels", "One colour per level of detail."),
     "normals": ViewHelp("Normals", "The direction of the drawn surface, as a colour."),
+    "error": ViewHelp(
+        "Error", "Measured error: white none, orange above, blue below; full at the tolerance, then dark."
+    ),
 }
 
 FLOATS_PER_BOX = 7
@@ -54,6 +58,8 @@ class Overlays:
         self._gpu = gpu
         self.lines = Lines(gpu)
         self._heat = Geometry(gpu, "fullscreen", "view_overdraw")
+        self._error_pass = Geometry(gpu, "fullscreen", "measure_error")
+        self._error_heat = Geometry(gpu, "fullscreen", "view_error")
         self._box_buffer = gpu.ctx.buffer(reserve=4 * FLOATS_PER_BOX * 1024, dynamic=True)
         content = [(self._box_buffer, "3f 3f 1f /i", "in_lower_m", "in_upper_m", "in_level")]
         self._boxes = Geometry(gpu, "view_boxes", "view_boxes", content)
@@ -80,9 +86,26 @@ class Overlays:
 
     def draw_overdraw(self, counts: Target) -> None:
         """The counts as colours, with a legend."""
-        counts.texture.use(UNITS["u_source"])
+        self._draw_from(counts, "u_source", self._heat, "flat")
+
+    def measure_error(self, positions: Target, diagonal: Diagonal) -> None:
+        """The error [px], vertical error [m], distance [m] and cover of every point of a position target.
+
+        Against the reference surface of a diagonal rule, for the frame that the frame block holds.
+        """
+        self._error_pass.program("position")["u_uniform_diagonals"] = int(diagonal == "uniform")
+        self._draw_from(positions, "u_extra0", self._error_pass, "position")
+
+    def draw_error(self, errors: Target, tolerance_px: float) -> None:
+        """What `measure_error` found, as colours."""
+        self._error_heat.program("flat")["u_tolerance_px"] = tolerance_px
+        self._draw_from(errors, "u_extra1", self._error_heat, "flat")
+
+    def _draw_from(self, source: Target, sampler: str, content: Geometry, output: Output) -> None:
+        """Fill the bound target from another one, pixel by pixel."""
+        source.texture.use(UNITS[sampler])
         self._gpu.ctx.disable(moderngl.DEPTH_TEST)
-        self._heat.render("flat", vertices=3)
+        content.render(output, vertices=3)
         self._gpu.ctx.enable(moderngl.DEPTH_TEST)
 
     def draw_frustum(self, frame: Frame, frozen: Frame, far_m: float) -> None:
@@ -90,10 +113,8 @@ class Overlays:
         self.lines.draw(frame, frustum_segments(frozen.camera, frozen.aspect, far_m), FRUSTUM_COLOUR, 2.0, 0.4)
 
     def release(self) -> None:
-        self._heat.release()
-        self._boxes.release()
-        self._box_buffer.release()
-        self.lines.release()
+        for part in (self._heat, self._error_pass, self._error_heat, self._boxes, self._box_buffer, self.lines):
+            part.release()
 
 
 def frustum_segments(camera: Camera, aspect: float, far_m: float) -> Floats:

@@ -8,7 +8,8 @@ without it (macOS) fragments write a logarithmic depth of the same sense, which 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import moderngl
@@ -21,6 +22,7 @@ GL_TEXTURE_2D, GL_FLOAT = 0x0DE1, 0x1406
 GL_DEPTH_COMPONENT, GL_DEPTH_COMPONENT32F = 0x1902, 0x8CAC
 GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE, GL_ZERO_TO_ONE = 0x8CA1, 0x935E, 0x935F
 GL_CLIP_DISTANCE0 = 0x3000
+GL_FRONT_AND_BACK, GL_POINT, GL_FILL = 0x0408, 0x1B00, 0x1B02
 
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software")
 
@@ -80,6 +82,15 @@ class Gpu:
             self._clip_control(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE)
         self.ctx.enable_only(moderngl.NOTHING)
         self.ctx.depth_func = "<"
+
+    @contextmanager
+    def corners_only(self) -> Iterator[None]:
+        """Draw triangles as three points each, a pixel large."""
+        set_mode = self.function("glPolygonMode", None, ctypes.c_uint, ctypes.c_uint)
+        assert set_mode is not None  # in OpenGL 1.1
+        set_mode(GL_FRONT_AND_BACK, GL_POINT)
+        yield
+        set_mode(GL_FRONT_AND_BACK, GL_FILL)
 
     def program(
         self, vertex: str, fragment: str, output: Output = "shaded", defines: dict[str, Any] | None = None

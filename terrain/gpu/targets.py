@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from terrain.gpu.context import Gpu
 
-Kind = Literal["colour", "position", "count"]
-_FORMAT = {"colour": (4, "f1"), "position": (4, "f4"), "count": (1, "f4")}
+Kind = Literal["colour", "position", "error", "count"]
+_FORMAT = {"colour": (4, "f1"), "position": (4, "f4"), "error": (4, "f4"), "count": (1, "f4")}
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Target:
 
 
 def create_target(gpu: Gpu, size_px: tuple[int, int], kind: Kind = "colour") -> Target:
-    """A target of ``size_px`` (width, height): RGBA8 colour, RGBA32F position or R32F count."""
+    """A target of ``size_px`` (width, height): RGBA8 colour, RGBA32F position or error, or R32F count."""
     components, dtype = _FORMAT[kind]
     texture = gpu.ctx.texture(size_px, components, dtype=dtype)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)

@@ -152,11 +152,9 @@ class AccuracyMeter:
         self.stage, self.size_px = stage, size_px
         gpu = stage.gpu
         self._positions = [create_target(gpu, size_px, "position") for _ in range(2)]
-        self._errors = [create_target(gpu, size_px, "position") for _ in range(2)]
+        self._errors = [create_target(gpu, size_px, "error") for _ in range(2)]
         self._changes = create_target(gpu, size_px, "position")
-        self._error_pass = Geometry(gpu, "fullscreen", "measure_error")
         self._popping_pass = Geometry(gpu, "fullscreen", "measure_popping")
-        self._heat_pass = Geometry(gpu, "fullscreen", "view_error")
         self._references: dict[Diagonal, ReferenceRenderer] = {}
         self._previous: Frame | None = None
 
@@ -171,7 +169,7 @@ class AccuracyMeter:
         self._positions.reverse()  # the last frame's stay at hand for popping
         self._errors.reverse()
         self._draw_positions(renderer, frame, self._positions[0])
-        self.measure_error(self._positions[0], self._errors[0], frame, renderer.diagonal)
+        self.stage.measure_error(self._positions[0], self._errors[0], renderer.diagonal)
         data = self._errors[0].read()
         covered = data[..., 3] > 0.5
         popping = self._measure_popping(frame) if self._previous is not None else None
@@ -190,28 +188,10 @@ class AccuracyMeter:
         """Forget the frame before: the next one pops from nothing."""
         self._previous = None
 
-    def measure_error(self, positions: Target, errors: Target, frame: Frame, diagonal: Diagonal) -> None:
-        """Fill ``errors`` (RGBA32F: error [px], vertical error [m], distance [m], covered) from a position target."""
-        with self._pass(errors):
-            positions.texture.use(UNITS["u_extra0"])
-            self._error_pass.program("position")["u_uniform_diagonals"] = int(diagonal == "uniform")
-            self._error_pass.render("position", vertices=3)
-
-    def draw_error(self, renderer: Renderer, frame: Frame, target: Target) -> None:
-        """Draw the error heat map of one frame into a colour target of the meter's size."""
-        self._draw_positions(renderer, frame, self._positions[0])
-        self.measure_error(self._positions[0], self._errors[0], frame, renderer.diagonal)
-        with self._pass(target):
-            self._errors[0].texture.use(UNITS["u_extra1"])
-            self._heat_pass.program("flat")["u_tolerance_px"] = renderer.settings.tolerance_px
-            self._heat_pass.render("flat", vertices=3)
-        self.restart()  # the targets no longer hold consecutive frames
-
     def render_error(self, renderer: Renderer, camera: Camera) -> npt.NDArray[np.uint8]:
         """The error heat map of one view, (height, width, 3) uint8, row 0 at the top."""
-        target = self.stage.target(self.size_px)
-        self.draw_error(renderer, self.stage.frame(camera, self.size_px), target)
-        return np.ascontiguousarray(target.read()[..., :3])
+        with drawn_by(self.stage, renderer):
+            return self.stage.render(camera, self.size_px, "error")
 
     def release(self) -> None:
         """Release targets, passes and references."""
@@ -219,8 +199,7 @@ class AccuracyMeter:
             reference.release()
         for target in (*self._positions, *self._errors, self._changes):
             target.release()
-        for geometry in (self._error_pass, self._popping_pass, self._heat_pass):
-            geometry.release()
+        self._popping_pass.release()
 
     def reference(self, diagonal: Diagonal) -> ReferenceRenderer:
         """The reference renderer of a diagonal rule, made at first use."""

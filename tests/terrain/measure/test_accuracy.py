@@ -80,7 +80,7 @@ def test_a_terrain_shifted_by_a_known_amount_gives_that_amount(gpu, meter) -> No
     frame = meter.stage.frame(DOWN, SIZE)
     target = other._draw_positions(shifted.renderer, shifted.frame(DOWN, SIZE))
     meter._draw_positions(meter.stage.renderer, frame)  # the unshifted terrain's textures and frame block
-    meter.measure_error(target, meter._errors[0], frame, "alternating")
+    meter.stage.measure_error(target, meter._errors[0], "alternating")
     data = meter._errors[0].read()
     covered = data[..., 3] > 0.5
     np.testing.assert_allclose(data[..., 1][covered], 5.0, atol=0.05)
