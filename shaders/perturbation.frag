@@ -110,11 +110,12 @@ void main() {
             }
 #ifdef PASS_HOLES
             // Ground without data is passed through. Filtered like the mesh's; but rays of a quad share a mip level, so that
-            // beside a silhouette the texture itself has a say.
+            // beside a silhouette the texture itself has a say, and the last word where it holds no data at all.
             vec2 place = (vec2(u_eye_cell) + u_eye_map.xy + bars.direction.xy * t + 0.5) / u_grid.xy;
             mat2 change = posts_per_pixel(bars, slope, t);
             float data = textureGrad(u_ground, place, change[0] / u_grid.xy, change[1] / u_grid.xy).a;
-            bool is_open = max(data, textureLod(u_ground, place, 0.0).a) < 0.5;
+            float finest = textureLod(u_ground, place, 0.0).a;
+            bool is_open = finest == 0.0 || max(data, finest) < 0.5;
             if (is_hit) is_above = !is_open;
             is_hit = is_hit && !is_open;
 #endif

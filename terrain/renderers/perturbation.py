@@ -92,6 +92,7 @@ class PerturbationRenderer:
         ctx = self._gpu.ctx
         wireframe, ctx.wireframe = ctx.wireframe, False  # the fragments draw the lines themselves
         self.stats.draw_calls = sum(self._draw_plane(plane, frame) for plane in self._planes)
+        self.stats.triangles = 2 * self.stats.draw_calls  # rectangles over the picture
         ctx.wireframe = wireframe
         self.stats.ray_steps = None
         if frame.output == "levels" and self.settings.level_view == "steps":
