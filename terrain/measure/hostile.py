@@ -67,6 +67,12 @@ def _offset() -> Heightfield:
     return Heightfield(heights, (10.0, 10.0), georeference=Georeference("EPSG:32633", (10, 0, 1e7, 0, -10, 1e7)))
 
 
+def _million_high() -> Heightfield:
+    hills = _hills(POSTS, POSTS)
+    heights = (hills - hills.min()) * (2e6 / np.ptp(hills)) - 1e6
+    return Heightfield(heights.astype(np.float32), (1000.0, 1000.0))
+
+
 def _ring() -> Heightfield:
     row, col = np.mgrid[:POSTS, :POSTS] - (POSTS - 1) / 2
     holes = np.abs(np.hypot(row, col) - 40) > 9
@@ -84,7 +90,7 @@ _SCENES: dict[str, Callable[[], Heightfield]] = {
     "128x128": lambda: Heightfield(_hills(128, 128), (10.0, 10.0)),
     "129x129": lambda: Heightfield(_hills(129, 129), (10.0, 10.0)),
     "101x77": lambda: Heightfield(_hills(101, 77), (10.0, 14.0)),
-    "million-high": lambda: Heightfield(_hills(POSTS, POSTS, 2e6) - np.float32(1e6), (1000.0, 1000.0)),
+    "million-high": _million_high,
     "offset-1e7": _offset,
     "1mm": lambda: Heightfield(_hills(POSTS, POSTS, 0.02), (0.001, 0.001)),
     "10km": lambda: Heightfield(_hills(33, 1025, 2e5), (1e4, 1e4)),
@@ -106,7 +112,8 @@ def hostile_paths(terrain: Heightfield) -> dict[str, Path]:
 def _stills(terrain: Heightfield) -> dict[str, Camera]:
     (width, depth), (dx, dz) = terrain.extent_m, terrain.spacing_m
     low, high = terrain.height_range_m
-    size, step, relief = math.hypot(width, depth), min(dx, dz), high - low
+    size, relief = math.hypot(width, depth), high - low
+    step = min(dx, dz, 0.1 * size)
     middle_row, middle_col = (terrain.rows - 1) // 2, (terrain.cols - 1) // 2
 
     def above(row: float, col: float, clearance_m: float, *angles_deg: float) -> Camera:
@@ -126,15 +133,16 @@ def _stills(terrain: Heightfield) -> dict[str, Camera]:
         "along east": above(row, 0.06 * (terrain.cols - 1), 2 * step, 90.0, 0.0),
         "along south": above(0.04 * (terrain.rows - 1), col, 2 * step, 180.0, 0.0),
         "along west": above(row, 0.95 * (terrain.cols - 1), 2 * step, 270.0, 0.0),
-        "exactly 45 degrees": Camera((0.3 * width, outlook + 0.1 * size, 0.7 * depth), 45.0, -45.0),
-        "fov 3": Camera((-0.3 * width, outlook, depth * 1.2), 45.0, -4.0, 0.0, 3.0),
+        "exactly 45 degrees": _backwards(Camera((0.6 * width, low, 0.4 * depth), 45.0, -45.0), 1.5 * (relief + step)),
+        "fov 3": _looking_at((-0.3 * width, outlook, depth * 1.2), centre, 3.0),
         "fov 120": above(row, col, 4 * step, 200.0, -10.0, 0.0, 120.0),
         "rolled": above(row, col, 6 * step, 75.0, -20.0, 37.0),
         "upside down": above(row, col, 6 * step, 285.0, -15.0, 180.0),
         "on a post": above(middle_row, middle_col, step, 30.0, -15.0),
         "on an edge": above(middle_row, col, step, 90.0, -12.0),
         "on the bisector": above(middle_row + 0.25, middle_col + 0.75, step, 45.0, -12.0),
-        "1 cm above ground": above(row, col, 0.01, 330.0, 0.0),
+        # Heights of a million metres are kept to 6 cm: nearer than that is nowhere.
+        "1 cm above ground": above(row, col, max(0.01, 1e-6 * max(abs(low), abs(high))), 330.0, 0.0),
         "below ground": above(row, col, -3 * step, 120.0, 5.0),
         "outside": _backwards(Camera(centre, 30.0, -20.0), 0.8 * (size + relief)),
         "outside, level": Camera((-0.4 * width, (low + high) / 2 + 0.01 * step, depth * 0.6), 80.0, 0.0),
@@ -145,24 +153,25 @@ def _stills(terrain: Heightfield) -> dict[str, Camera]:
 def _flights(terrain: Heightfield) -> dict[str, Path]:
     width, depth = terrain.extent_m
     low, high = terrain.height_range_m
-    step, relief = min(terrain.spacing_m), high - low
+    relief, size = high - low, math.hypot(width, depth)
+    step = min(*terrain.spacing_m, 0.1 * size)
     rng = np.random.default_rng(4)
     teleports = tuple(random_camera(terrain, rng) for _ in range(6))
 
-    def level(share: float, clearance_m: float) -> Camera:
-        return Camera((share * width, high + clearance_m, (0.9 - 0.8 * share) * depth), 40.0, -25.0)
+    def over(share: float, clearance_m: float) -> Camera:
+        """Above the diagonal from south-west to north-east, looking at ground ahead."""
+        ahead = ((share + 0.25) * width, low + 0.3 * relief, (0.65 - 0.8 * share) * depth)
+        return _looking_at((share * width, high + clearance_m, (0.9 - 0.8 * share) * depth), ahead)
 
     # Steps of a hundredth of the distance, there and back again: whatever level has its threshold there changes.
-    start = level(0.1, 0.3 * relief + 8 * step)
-    reach_m = 0.3 * math.hypot(width, depth)
+    start = over(0.1, 0.3 * relief + 8 * step)
     swing = [0, 1, 2, 3, 2, 1, 0, 1, 0, 1, 0]
-    to_and_fro = tuple(_backwards(start, -0.01 * reach_m * k) for k in swing)
-    fast = tuple(level(share, 3 * step) for share in np.linspace(0.02, 0.98, 8).tolist())
+    to_and_fro = tuple(_backwards(start, -0.003 * (size + relief) * k) for k in swing)
     return {
         "teleports": teleports,
         "to and fro": to_and_fro,
-        "standing still": (level(0.4, 0.1 * relief + 3 * step),) * 4,
-        "fast flight": fast,
+        "standing still": (over(0.4, 0.1 * relief + 3 * step),) * 4,
+        "fast flight": tuple(over(share, 3 * step) for share in np.linspace(0.02, 0.72, 8).tolist()),
     }
 
 
@@ -175,7 +184,7 @@ def random_camera(terrain: Heightfield, rng: np.random.Generator) -> Camera:
     clearance = nearest * (farthest / nearest) ** rng.uniform(0, 1)
     y = (high if math.isnan(ground) else ground) + clearance
     yaw, pitch = rng.uniform(0, 360), float(np.clip(rng.normal(-15, 25), -90, 90))
-    return Camera((x, y, z), yaw, pitch, rng.normal(0, 10), rng.choice([30.0, 60.0, 90.0]))
+    return Camera((x, y, z), yaw, pitch, rng.normal(0, 10), float(rng.choice([30.0, 60.0, 90.0])))
 
 
 def nearby_camera(terrain: Heightfield, camera: Camera, reach: float, rng: np.random.Generator) -> Camera:
@@ -195,6 +204,14 @@ def nearby_camera(terrain: Heightfield, camera: Camera, reach: float, rng: np.ra
         camera.roll_deg + rng.normal(0, 20) * reach,
         camera.fov_deg,
     )
+
+
+def _looking_at(
+    position_m: tuple[float, float, float], target_m: tuple[float, float, float], fov_deg: float = 60.0
+) -> Camera:
+    east, up, south = (t - p for t, p in zip(target_m, position_m, strict=True))
+    yaw, pitch = math.atan2(east, -south), math.atan2(up, math.hypot(east, south))
+    return Camera(position_m, math.degrees(yaw), math.degrees(pitch), 0.0, fov_deg)
 
 
 def _backwards(camera: Camera, distance_m: float) -> Camera:

@@ -343,9 +343,9 @@ def check(
 
 def _slow_frames(frame_ms: Sequence[float]) -> list[int]:
     """Frames that took far longer than the median; the first makes what the others use, and does not count."""
-    if len(frame_ms) < 3:
+    if len(frame_ms) < 4:
         return []
-    median = float(np.median(frame_ms))
+    median = float(np.median(frame_ms[1:]))
     return [i for i, ms in enumerate(frame_ms) if i and ms > SLOW_FACTOR * median and ms > SLOW_MS]
 
 
