@@ -49,8 +49,9 @@ Rule = Literal["secant", "paper"]
 
 # Section 4: descend where a box costs more than c times its children; the paper found 0.9 reasonable.
 DESCENT = np.float32(0.9)
-# The cut starts at nodes farther away than this many times their size: larger ones never pay.
-START_RATIO = 4.0
+# The cut starts at nodes farther away than this many times their size: smaller ones are hidden more often by the
+# horizon, and larger ones would save few slices.
+START_RATIO = 12.0
 # A slice is named by one 32-bit word: its box in the low bits, its number above. Numbers from the last one down are the
 # box's own faces: x low, x high, y low, y high, z low, z high.
 BOX_BITS, LAST_NUMBER, FACE_COUNT = 20, 4095, 6
@@ -110,15 +111,16 @@ def select_cut(
     """
     view = View(tolerance_px, frame.pixels_per_radian, frame.viewport_px[0] * frame.viewport_px[1], tree.spacing_m)
     paper = rule == "paper"
+    planes = np.concatenate([frame.side_planes, frame.camera.forward[None]]).astype(np.float32)
     first = tree.culler.select(frame, horizon=horizon and not paper, split_ratio=0.0 if paper else START_RATIO)
-    looked_at = _look_at(tree, frame, view, speeds, paper, Nodes(first.level, first.row, first.col))
+    looked_at = _look_at(tree, frame, planes, view, speeds, paper, Nodes(first.level, first.row, first.col))
     chosen = [looked_at.where(np.zeros(0, np.intp))]
     while len(looked_at.slices_ms):
         inner = looked_at.nodes.level > BASE_LEVEL
         chosen.append(looked_at.where(~inner))
         looked_at = looked_at.where(inner)
         parent, nodes = tree.children(looked_at.nodes)
-        children = _look_at(tree, frame, view, speeds, paper, nodes, parent)
+        children = _look_at(tree, frame, planes, view, speeds, paper, nodes, parent)
         if paper:  # slices alone: polygons cost the same at every level
             whole, part = looked_at.slices_ms, children.slices_ms * DESCENT
         else:
@@ -156,13 +158,12 @@ def _least_ms(mode: Mode, slices_ms: Floats, polygons_ms: Floats) -> Floats:
 
 
 def _look_at(
-    tree: SliceTree, frame: Frame, view: View, speeds: Speeds, paper: bool, nodes: Nodes,
+    tree: SliceTree, frame: Frame, planes: Floats, view: View, speeds: Speeds, paper: bool, nodes: Nodes,
     parent: npt.NDArray[np.intp] | None = None,
 ) -> _Choice:  # fmt: skip
-    """Those of the nodes that are in the frustum, with their bundles and costs."""
+    """Those of the nodes in front of the four sides and the near plane, with their bundles and costs."""
     lower, upper = (corner.astype(np.float32) for corner in tree.corners(nodes, frame.eye_m))
     centre, half = (lower + upper) * np.float32(0.5), (upper - lower) * np.float32(0.5)
-    planes = np.concatenate([frame.side_planes, frame.camera.forward[None]]).astype(np.float32)
     distance, reach = centre @ planes.T, half @ np.abs(planes).T  # (n, 5)
     distance[:, 4] -= np.float32(frame.near_m)
     kept = np.flatnonzero((distance > -reach).all(axis=1))

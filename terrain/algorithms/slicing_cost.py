@@ -29,7 +29,7 @@ LEAF_CELLS = 64
 # paper's whole pixel, single pixels leaked between the treetops of a city.)
 DENSEST = 0.5
 # The share of a box's triangles that cost what a visible one does; the others face away, or are hidden or outside.
-TRIANGLES_SEEN = 0.3
+TRIANGLES_SEEN = 0.42
 # Faces of its own that close a bundle, on average.
 FACES = 2
 # Rasterisers work on blocks of pixels: a slice of w x h pixels touches about (w + 4) (h + 4).
