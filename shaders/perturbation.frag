@@ -49,11 +49,9 @@ void main() {
         is_above = bars.direction.z * t > cell_height(h, uv, is_nw_se(cell));
     }
 #endif
-    bool is_leaf = false;
     if (t < t_end) {
         do {
-            bool is_met;
-            is_leaf = false;
+            bool is_leaf, is_met;
             do {  // over nodes
                 ivec2 node = cell >> level, corner = node << level;
                 int size = 1 << level;
@@ -107,6 +105,7 @@ void main() {
                     if (!is_hit && leave.x <= t2) cell.x += 2 * bars.ahead.x - 1;
                     else if (!is_hit && leave.y <= t2) cell.y += 2 * bars.ahead.y - 1;
                 } while (!is_hit && t < t_end && cell >> 1 == node);
+                level = is_hit ? 0 : 1;
             }
 #ifdef PASS_HOLES
             // Ground without data is passed through. Filtered like the mesh's; but rays of a quad share a mip level, so that
@@ -118,10 +117,10 @@ void main() {
             bool is_open = finest == 0.0 || max(data, finest) < 0.5;
             if (is_hit) is_above = !is_open;
             is_hit = is_hit && !is_open;
+            level = is_hit ? level : max(level, 1);
 #endif
         } while (!is_hit && t < t_end && steps < u_step_limit);
         // Where the steps run out the ray is above the surface and in a node that holds it: that is the hit.
-        level = is_hit && is_leaf ? 0 : level;
         is_hit = is_hit || (steps >= u_step_limit && t < t_end && is_above);
     }
     vec2 post = vec2(u_eye_cell) + u_eye_map.xy + bars.direction.xy * t;

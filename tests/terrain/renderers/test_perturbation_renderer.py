@@ -313,6 +313,13 @@ def test_steps_can_be_seen_and_counted(stage_of):
     assert stage.renderer.stats.ray_steps is None
 
 
+def test_at_full_detail_every_ray_ends_on_the_finest_level(stage_of):
+    stage = stage_of(ridges(257, 257), **EXACT)
+    camera = hostile_cameras(stage.scene.heightfield)["usual"]
+    covered = np.isfinite(depths(stage, camera))
+    assert (stage.render(camera, SIZE, "levels")[covered][:, 0] == 0).all()  # level 0 is blue, without red
+
+
 def test_constant_bounds_cost_more_steps_than_planes_do(stage_of):
     terrain = ridges(257, 257)
     camera = hostile_cameras(terrain)["usual"]
