@@ -124,8 +124,9 @@ def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, drape: Any 
     """A stage that draws ``heightfield`` as asked, with the image ``drape`` over it."""
     from terrain.scene import open_scene
     from terrain.stage import Stage
+    from terrain.synthetic.slabs import planes_beside
 
-    scene = open_scene(heightfield)
+    scene = open_scene(heightfield, planes_beside(heightfield))
     if drawing.exaggeration != 1.0:
         scene = scene.exaggerated(drawing.exaggeration)
     stage = Stage(gpu, scene, drawing.algorithm, drawing.settings, drawing.look)

@@ -12,28 +12,33 @@ import numpy.typing as npt
 from terrain.heightfield import Heightfield
 from terrain.planes import BasePlane, place_plane
 
-SPACING_M = 4.0
+EXTENT_M = 2048.0
 RELIEF_M = 60.0
 _BRICK_M, _COURSE_M, _JOINT_M = 2.4, 0.8, 0.12
 
 
-def build_slabs_terrain(posts: int, seed: int = 0) -> Heightfield:
-    """Quiet hills of ``posts`` x ``posts``, 4 m apart."""
+def slabs_heights(size: int, seed: int) -> npt.NDArray[np.float32]:
+    """Quiet hills for walls to stand on."""
     rng = np.random.default_rng(seed)
-    v, u = np.mgrid[0:posts, 0:posts] * (SPACING_M / 600.0)
-    heights = np.zeros((posts, posts))
+    v, u = np.mgrid[0:size, 0:size] * (EXTENT_M / (size - 1) / 600.0)
+    heights = np.zeros((size, size))
     for octave in range(6):
         turn, phase = rng.uniform(0, 2 * np.pi, 2)
         across = u * np.cos(turn) + v * np.sin(turn)
         along = v * np.cos(turn) - u * np.sin(turn)
         waves = 2.0**octave
         heights += 0.45**octave * np.sin(2 * np.pi * waves * across + phase) * np.cos(2 * np.pi * waves * along)
-    heights = RELIEF_M * (heights - heights.min()) / max(float(np.ptp(heights)), 1e-6)
-    return Heightfield(heights.astype(np.float32), (SPACING_M, SPACING_M), name="planes")
+    return (0.25 * RELIEF_M * (heights + 2.0)).astype(np.float32)  # the octaves add up to less than 1.9
+
+
+def planes_beside(terrain: Heightfield) -> tuple[BasePlane, ...]:
+    """What stands beside the terrain of an embedded scene: the wall and the slab of `planes`, nothing elsewhere."""
+    is_embedded = terrain.name == "planes" and any(note.startswith("Embedded scene") for note in terrain.notes)
+    return build_slabs(terrain) if is_embedded else ()
 
 
 def build_slabs(terrain: Heightfield) -> tuple[BasePlane, ...]:
-    """The wall and the slab that stand in the middle of a terrain made by `build_slabs_terrain`."""
+    """The wall and the slab that stand in the middle of the hills of `slabs_heights`."""
     width, depth = terrain.extent_m
     x, z = 0.5 * width, 0.5 * depth
     ground = float(terrain.heights_at(x, z))
