@@ -80,7 +80,8 @@ def draw_chart(results: Mapping[str, Any]) -> Figure:
     axes.set_ylabel("geometric error, 99.9 % of pixels below [px]")
     axes.set_title(_caption(results), fontsize=10, loc="left")
     axes.grid(True, which="both", color="#e8e8e8", linewidth=0.6, zorder=0)
-    axes.legend(fontsize=8, frameon=True, title="labels: tolerance [px]; hollow: promise broken", title_fontsize=8)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, frameon=True, title="labels: tolerance [px]; hollow: promise broken", title_fontsize=8)
     figure.text(0.995, 0.005, _machine(results), ha="right", va="bottom", fontsize=6.5, color=FAINT)
     return figure
 

@@ -21,7 +21,7 @@ import numpy as np
 from terrain.camera import Camera
 from terrain.gpu.context import Gpu
 from terrain.heightfield import Heightfield
-from terrain.measure.cost import Cost, time_interleaved, warm_up
+from terrain.measure.cost import Cost, time_frame, warm_up
 from terrain.measure.reproduce import Cell, Claim, Plot, Progress, Reproduction, Table
 from terrain.renderers.geomorph import GeomorphRenderer, GeomorphSettings
 from terrain.renderers.tile_mesh import build_tile_indices
@@ -120,7 +120,9 @@ def _measure_size(gpu: Gpu, terrain: Heightfield, cameras: Sequence[Camera], pla
     for renderer in renderers:
         warm_up(stage, renderer, cameras[0], 0.0, target)
     for i, camera in enumerate(cameras):
-        time_interleaved(stage, renderers, costs, camera, i / 30, target, first=i)
+        for k in range(len(renderers)):
+            turn = (i + k) % len(renderers)  # nobody always follows the same neighbour
+            costs[turn].add(time_frame(stage, renderers[turn], camera, i / 30, target))
     for renderer in renderers:
         renderer.release()
     stage.release()

@@ -91,6 +91,7 @@ class Sweep:
         costs_left = self.repeats - len(self.costs[0].rounds)
         # In units of one drawn frame: timing draws each run once per frame, accuracy about twice.
         total = costs_left * frames * len(self.runs) + 2 * frames * sum(a is None for a in self.accuracies)
+        total += len(self._overdraw_frames) * len(self.runs) * (costs_left == self.repeats)
         done, begin = 0, time.perf_counter()
 
         def progress(doing: str) -> Progress:
@@ -122,12 +123,15 @@ class Sweep:
             runs.append(record | (accuracy or {}))
         return make_results(self._machine, self._terrain, self.size_px, self._flight, runs)
 
+    @property
+    def _overdraw_frames(self) -> list[int]:
+        return sorted(set(np.linspace(0, len(self.views) - 1, OVERDRAW_FRAMES).astype(int).tolist()))
+
     def _time_round(self, number: int) -> Iterator[None]:
         """One flight of all runs side by side. A round that is broken off leaves nothing behind."""
         renderers = [self._make(run, cost) for run, cost in zip(self.runs, self.costs, strict=True)]
         trial = [Cost(rounds=[{}]) for _ in self.runs]
         target = self.stage.target(self.size_px)
-        overdraw_frames = set(np.linspace(0, len(self.views) - 1, OVERDRAW_FRAMES).astype(int).tolist())
         try:
             for renderer in renderers:
                 warm_up(self.stage, renderer, self.views[0][1], self.views[0][0], target)
@@ -135,7 +139,7 @@ class Sweep:
                 time_interleaved(self.stage, renderers, trial, camera, time_s, target, first=i)
                 yield
             if number == 0:
-                for i in sorted(overdraw_frames):
+                for i in self._overdraw_frames:
                     time_s, camera = self.views[i]
                     for renderer, cost in zip(renderers, trial, strict=True):
                         cost.overdraw.append(measure_overdraw(self.stage, renderer, camera, time_s, self.size_px))
