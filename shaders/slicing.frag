@@ -9,6 +9,7 @@
 #include "lib/secant.glsl"
 #include "lib/slices.glsl"
 const float ENOUGH_PX = 0.005;  // triangles beside the box end on corners rounded to 1/256 px
+const float GRAZING_PX = 16.0, GRAZED_PX = 0.5;  // how far back, and how deep
 #ifdef HOLES
 uniform sampler2D u_ground;
 #endif
@@ -24,10 +25,18 @@ void main() {
 #ifdef FROM_ABOVE_ONLY
     // The ray may be in the ground without having met it from above: it came through the grid's cut side, through a
     // hole, or from an eye in the ground. A mesh shows nothing there.
-    float entry = entry_of(v_position_m, bundle_of(v_slice)).x;
-    if (depth_in_ground(v_position_m * entry) > ENOUGH_PX * length(v_position_m) / u_eye_height.w) {
-        entry = last_above(v_position_m, entry);
-        if (entry == 1.0) discard;
+    float pixel = length(v_position_m) / u_eye_height.w, entry = entry_of(v_position_m, bundle_of(v_slice)).x;
+    float high = depth_in_ground(v_position_m * entry);
+    if (high > ENOUGH_PX * pixel) {
+        float above = last_above(v_position_m, entry);
+        if (above == 1.0) {
+            // It may have grazed the ground just before it entered: too thin a strip for the box before to see.
+            above = last_above(v_position_m * entry, 1.0 - GRAZING_PX / u_eye_height.w) * entry;
+            vec2 post = u_eye_post.xy + posts_from_eye(v_position_m * above);
+            bool inside = all(greaterThanEqual(post, vec2(0.0))) && all(lessThanEqual(post, u_grid.xy - 1.0));
+            if (high > GRAZED_PX * pixel || above == entry || !inside) discard;
+        }
+        entry = above;
     }
 #ifdef HOLES
     vec3 met = v_position_m * surface_at(v_position_m, entry, 0.0, 0.0);

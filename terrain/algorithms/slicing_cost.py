@@ -27,7 +27,7 @@ MOST_SLICES = 512
 LEAF_CELLS = 64
 # Planes never come closer than this share of the tolerance: what is thinner shows in one pixel or not at all. (With the
 # paper's whole pixel, single pixels leaked between the treetops of a city.)
-DENSEST = 0.5
+DENSEST = 0.35
 # The share of a box's triangles that cost what a visible one does; the others face away, or are hidden or outside.
 TRIANGLES_SEEN = 0.42
 # Faces of its own that close a bundle, on average.
