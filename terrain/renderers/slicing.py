@@ -32,6 +32,7 @@ from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
 TILE_LEVELS = (3, 4, 5)  # polygon boxes are drawn in tiles of 8, 16 and 32 cells, one draw call each
+SETTLED = 8  # frames a new viewport must stay before its speeds are measured
 SAMPLES = 64  # frames over which estimates are compared with the clock
 
 
@@ -78,6 +79,7 @@ class SlicingRenderer:
         self._sky = Geometry(gpu, "fullscreen", "sky")
         self._speeds: dict[tuple[int, int], Speeds] = {}
         self._fresh = settings.recalibrate
+        self._viewport_px, self._still = (0, 0), 0
         self._cut: Cut | None = None
         self._names = np.zeros(0, np.uint32)
         self._samples: list[tuple[float, float]] = []
@@ -120,11 +122,14 @@ class SlicingRenderer:
             part.release()
 
     def _speeds_for(self, viewport_px: tuple[int, int]) -> Speeds:
-        if viewport_px not in self._speeds:
+        """The speeds of a viewport; while it is being resized, those of the last one."""
+        self._still = self._still + 1 if viewport_px == self._viewport_px else 0
+        self._viewport_px = viewport_px
+        if viewport_px not in self._speeds and (not self._speeds or self._still >= SETTLED):
             begin = time.perf_counter()
             self._speeds[viewport_px] = load_speeds(self._gpu, viewport_px, anew=self._fresh)
             self.stats.prepare_s += time.perf_counter() - begin
-        return self._speeds[viewport_px]
+        return self._speeds.get(viewport_px, next(reversed(self._speeds.values())))
 
     def _draw_terrain(self, frame: Frame, cut: Cut) -> None:
         for tiles in self._tiles.values():

@@ -330,3 +330,14 @@ def test_measuring_speeds_leaves_no_gl_error(gpu: Gpu) -> None:
     speeds = measure_speeds(gpu, (64, 48))
     assert speeds.triangle_ms > 0
     assert gpu.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_window_being_resized_is_not_measured_at_every_size(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[tuple[int, int]] = []
+    monkeypatch.setattr(slicing, "load_speeds", lambda gpu, size, anew: measured.append(size) or SPEEDS)
+    for width in range(100, 110):
+        stage.renderer.select(stage.frame(CAMERAS["low"], (width, 80)))
+    assert measured == [(100, 80)]
+    for _ in range(20):
+        stage.renderer.select(stage.frame(CAMERAS["low"], (120, 80)))
+    assert measured == [(100, 80), (120, 80)]
