@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import imgui_bundle
-from imgui_bundle import imgui
+from imgui_bundle import imgui, implot
 
 from app.controls import Inputs
 from app.keys import HELD, bindings
@@ -25,6 +25,7 @@ _FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "DroidSans.ttf
 def create_context() -> None:
     """An ImGui context in this program's style; nothing is saved between runs."""
     imgui.create_context()
+    implot.create_context()
     io = imgui.get_io()
     io.set_ini_filename("")
     io.config_dpi_scale_fonts = True
@@ -65,6 +66,7 @@ class Gui:
     def close(self) -> None:
         imgui.backends.opengl3_shutdown()
         imgui.backends.glfw_shutdown()
+        implot.destroy_context()
         imgui.destroy_context()
 
 
@@ -108,9 +110,13 @@ def show_picture(session: Session) -> None:
     scale = io.display_framebuffer_scale
     size_px = (round(io.display_size.x * scale.x), round(io.display_size.y * scale.y))
     picture = session.draw(size_px)
-    if picture is not None:
-        image = imgui.ImTextureRef(picture.texture.glo)
-        imgui.get_background_draw_list().add_image(image, (0.0, 0.0), io.display_size, (0.0, 1.0), (1.0, 0.0))
+    if picture is None:
+        return
+    width, height = io.display_size
+    for part in session.comparison.parts(picture):
+        image = imgui.ImTextureRef(part.target.texture.glo)
+        corners = (part.left * width, 0.0), (part.right * width, height)
+        imgui.get_background_draw_list().add_image(image, *corners, (part.left, 1.0), (part.right, 0.0))
 
 
 def _down(key: str) -> float:

@@ -39,6 +39,7 @@ _ACTS = (
     Binding("Home", "frame the whole terrain", Session.frame_all),
     Binding("F12", "save the picture as PNG", Session.take_screenshot),
     Binding("T", "show or hide the panel", Session.toggle_panel),
+    Binding("L", "show or hide the laboratory", Session.toggle_laboratory),
     Binding("H", "show or hide this help", Session.toggle_help),
     Binding("Escape", "close the help, stop the replay", Session.escape),
     Binding("Ctrl+Q", "leave", Session.leave),

@@ -16,6 +16,7 @@ from imgui_bundle import imgui, imgui_ctx
 
 from app.keys import FAST, HELD, MOUSE_HELP, bindings
 from app.session import Session
+from app.workbench import draw_laboratory
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
@@ -43,6 +44,7 @@ class Panel:
         """The panel, the status line and the help of one frame."""
         if session.shows_panel:
             self._draw_panel(session)
+        draw_laboratory(session)
         _draw_status(session)
         if session.shows_help:
             _draw_help(session)
@@ -91,6 +93,7 @@ class Panel:
             ("Stop##replay" if session.replay_s is not None else "Play", session.toggle_replay, "Play the flight (P)."),
             ("Picture", session.take_screenshot, "Save the picture as PNG (F12)."),
             ("Home", session.frame_all, "Look at the whole terrain (Home)."),
+            ("Lab", session.toggle_laboratory, "The laboratory: measure, compare, tune (L)."),
             ("Keys", session.toggle_help, "All keys (H)."),
         ):
             if imgui.button(title):
@@ -259,9 +262,9 @@ def _draw_help(session: Session) -> None:
     half = math.ceil(len(rows) / 2)
     imgui.push_style_var(imgui.StyleVar_.window_padding, (1.2 * em, em))
     with imgui_ctx.begin("Help", None, _OVERLAY), imgui_ctx.begin_table("keys", 4, imgui.TableFlags_.sizing_fixed_fit):
-        for left, right in zip(rows[:half], [*rows[half:], ("", "")], strict=False):
+        for one, other in zip(rows[:half], [*rows[half:], ("", "")], strict=False):
             imgui.table_next_row()
-            for key, text in (left, right):
+            for key, text in (one, other):
                 imgui.table_next_column()
                 imgui.text_colored(_KEY_COLOUR, f"{key}  ")
                 imgui.table_next_column()

@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from app.capture import save_png
+from app.comparison import Comparison
 from app.controls import Inputs, Motion, move, speed_m_s
+from app.experiments import Experiments
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
 from app.opening import Drawing, open_stage, read_texture
 from terrain.camera import Camera
@@ -30,6 +32,7 @@ from terrain.views import VIEWS
 SETTLE_S = 1.5
 MESSAGE_S = 8.0
 GRAPH_FRAMES = 240
+_UNUSABLE = (InputError, MemoryError, RuntimeError, ValueError)  # what a renderer that cannot be made raises
 
 
 class Session:
@@ -68,6 +71,11 @@ class Session:
         self.clock_s = 0.0
         self.shows_help = False
         self.shows_panel = True
+        self.shows_laboratory = False
+        self.comparison = Comparison()
+        self.experiments = Experiments(self)
+        self.tuned: dict[str, Any] = {}  # settings that make algorithms equal, while they hold
+        self.flight_s = 0.0
         self.is_leaving = False
         self._message, self._message_until_s = "", 0.0
         self._changed_s = 0.0
@@ -95,6 +103,11 @@ class Session:
         """Whether the picture stays as it is until somebody does something."""
         busy = self.recorder is not None or self.replay_s is not None
         return not busy and self.motion.at_rest and self.clock_s - self._changed_s > SETTLE_S
+
+    @property
+    def is_asleep(self) -> bool:
+        """Whether nothing at all is to be done until somebody does something."""
+        return self.is_still and not self.experiments.wants_work
 
     @property
     def height_above_ground_m(self) -> float:
@@ -144,6 +157,7 @@ class Session:
             self.stop_replay("The flight is over.")
         else:
             self.camera = self.flight.camera_at(self.replay_s)
+            self.flight_s = self.replay_s
 
     def draw(self, size_px: tuple[int, int]) -> Target | None:
         """The picture at this size, drawn again where something changed; None for a window without area."""
@@ -154,15 +168,25 @@ class Session:
             if outgrown is not None:
                 outgrown.release()
             self.touch()
-        if self.is_still:
-            return self.picture
+        if not self.is_still:
+            self._draw_frame(size_px)
+        self.experiments.work()
+        return self.picture
+
+    def _draw_frame(self, size_px: tuple[int, int]) -> None:
+        assert self.picture is not None
+        frame = self.stage.frame(self.camera, size_px, self.clock_s)
         begin = time.perf_counter()
-        self.stats = self.stage.draw(self.stage.frame(self.camera, size_px, self.clock_s), self.picture, self.view)
+        self.stats = self.stage.draw(frame, self.picture, self.view)
         if self.gpu.is_software:
             self.gpu.ctx.finish()  # a software rasteriser's time is only known when it has finished
         self.frame_ms.append(1e3 * (time.perf_counter() - begin))
         self.stats.frame_ms = self.stats.gpu_ms or self.frame_ms[-1]  # what a time budget goes by
-        return self.picture
+        try:
+            self.comparison.draw(self.stage, frame, self.picture, self.view)
+        except _UNUSABLE as error:
+            self.comparison.mode = "off"
+            self.say(f"{RENDERERS[self.comparison.algorithm].title} cannot be used here: {error or 'too large'}.")
 
     # What keys and widgets do
 
@@ -170,20 +194,30 @@ class Session:
         """Switch; the tolerance goes along, other settings are remembered for each algorithm."""
         if name == self.algorithm:
             return
-        self._settings[self.algorithm] = self.settings
-        settings = replace(self._settings[name], tolerance_px=self.settings.tolerance_px)
-        if self._set_renderer(name, settings):
+        if self.use(name, self.tuned.get(name) or self.settings_for(name)):
             self.say(f"{RENDERERS[name].title}. {RENDERERS[name].source}")
 
+    def settings_for(self, name: str) -> Any:
+        """What an algorithm would draw with now: its own settings, at the current tolerance."""
+        own = self.settings if name == self.algorithm else self._settings[name]
+        return replace(own, tolerance_px=self.settings.tolerance_px)
+
+    def use(self, name: str, settings: Any) -> bool:
+        """Draw with an algorithm and all its settings; whether that could be done."""
+        self._settings[self.algorithm] = self.settings
+        return self._set_renderer(name, settings)
+
     def change_settings(self, settings: Any) -> None:
-        """Give the current algorithm other settings."""
+        """Give the current algorithm other settings; another tolerance ends what tuning made equal."""
+        if settings.tolerance_px != self.settings.tolerance_px:
+            self.tuned = {}
         self._set_renderer(self.algorithm, settings)
 
     def _set_renderer(self, name: str, settings: Any) -> bool:
         """Whether it could be made; otherwise the old one stays, and the reason is shown."""
         try:
             self.stage.set_renderer(name, settings)
-        except (InputError, MemoryError, RuntimeError, ValueError) as error:
+        except _UNUSABLE as error:
             self.say(f"{RENDERERS[name].title} cannot be used here: {error or type(error).__name__}.")
             return False
         self.touch()
@@ -205,6 +239,10 @@ class Session:
         frozen = old.frozen is not None
         scene = old.scene.exaggerated(factor)
         look, algorithm, settings = old.look, self.algorithm, self.settings
+        self.experiments.close()
+        self.experiments = Experiments(self)  # what was measured holds no longer
+        self.comparison.release()
+        self.tuned = {}
         old.release()
         self.stage = Stage(self.gpu, scene, algorithm, settings, look)
         if self._drape is not None:
@@ -260,6 +298,15 @@ class Session:
         self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
         self.say(f"Playing {self.flight.name} ({self.flight.duration_s:.0f} s); P or any movement stops it.")
 
+    def seek(self, time_s: float) -> None:
+        """Go to a moment of the flight; a replay goes on from there."""
+        self.flight_s = min(max(time_s, 0.0), self.flight.duration_s)
+        if self.replay_s is not None:
+            self.replay_s = self.flight_s
+        self.camera = self.flight.camera_at(self.flight_s)
+        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
+        self.touch()
+
     def stop_replay(self, reason: str) -> None:
         self.replay_s = None
         if reason:
@@ -269,7 +316,7 @@ class Session:
         """Save the picture, without the panel, under a new name."""
         if self.picture is None:
             return
-        picture = self.picture.read()[..., :3]
+        picture = self.comparison.compose(self.picture)
         path = numbered_path(self.folder / f"{self.heightfield.name}.png")
         self._save(lambda: save_png(path, picture), f"Saved the picture as {path}.")
 
@@ -278,6 +325,25 @@ class Session:
 
     def toggle_panel(self) -> None:
         self.shows_panel = not self.shows_panel
+
+    def toggle_laboratory(self) -> None:
+        self.shows_laboratory = not self.shows_laboratory
+
+    def compare(self, mode: Any) -> None:
+        """Show B beside A, the difference of the two, or A alone."""
+        self.comparison.mode = mode
+        self.touch()
+
+    def choose_other(self, algorithm: str, settings: Any = None) -> None:
+        """What A is compared with."""
+        self.comparison.choose(algorithm, settings)
+        self.touch()
+
+    def swap_sides(self) -> None:
+        """A becomes B and B becomes A."""
+        a, b = (self.algorithm, self.settings), (self.comparison.algorithm, self.comparison.settings)
+        if self.use(*b):
+            self.choose_other(*a)
 
     def escape(self) -> None:
         """Close the help, or stop the replay."""
@@ -301,6 +367,8 @@ class Session:
     def close(self) -> None:
         """Save an unfinished recording and release the GPU's memory."""
         self.save_recording()
+        self.experiments.close()
+        self.comparison.release()
         if self.picture is not None:
             self.picture.release()
         self.stage.release()

@@ -107,7 +107,7 @@ class Window:
 
     def _take_events(self, session: Any) -> None:
         """Take in what happened; sleep while nothing changes, lightly for a while after an event (tooltips)."""
-        if not (self._is_hidden or session.is_still):
+        if not (self._is_hidden or session.is_asleep):
             self._glfw.poll_events()
             return
         begin_s = time.perf_counter()

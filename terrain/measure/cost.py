@@ -7,7 +7,7 @@ GPU has finished it. On software rasterisers timer queries measure nothing, so G
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -86,9 +86,19 @@ def time_interleaved(
     first: int,
 ) -> None:  # fmt: skip
     """Time one frame of every run, beginning with number ``first``: nobody always follows the same neighbour."""
+    for _ in interleaved_steps(stage, renderers, costs, camera, time_s, target, first):
+        pass
+
+
+def interleaved_steps(
+    stage: Stage, renderers: Sequence[Renderer], costs: Sequence[Cost], camera: Camera, time_s: float, target: Target,
+    first: int,
+) -> Iterator[None]:  # fmt: skip
+    """`time_interleaved`, a step for each run."""
     order = [(first + k) % len(renderers) for k in range(len(renderers))]
     for k in order:
         costs[k].add(time_frame(stage, renderers[k], camera, time_s, target))
+        yield
 
 
 def warm_up(stage: Stage, renderer: Renderer, camera: Camera, time_s: float, target: Target, frames: int = 2) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from terrain.camera import Camera
 from terrain.measure.accuracy import Accuracy, AccuracyMeter, drawn_by
-from terrain.measure.cost import Cost, measure_overdraw, time_interleaved, warm_up
+from terrain.measure.cost import Cost, interleaved_steps, measure_overdraw, warm_up
 from terrain.measure.images import flip_mean, psnr_db
 from terrain.measure.results import machine_identity, make_results, settings_record, terrain_identity, write_text
 from terrain.renderers import RENDERERS
@@ -86,7 +86,7 @@ class Sweep:
         self._load()
 
     def steps(self) -> Iterator[Progress]:
-        """Do the work, a frame of all runs or a frame of one run at a time."""
+        """Do the work, about a frame of one run at a time."""
         frames = len(self.views)
         costs_left = self.repeats - len(self.costs[0].rounds)
         # In units of one drawn frame: timing draws each run once per frame, accuracy about twice.
@@ -100,8 +100,8 @@ class Sweep:
             return Progress(share, spent * (1 - share) / share if share else float("nan"), doing)
 
         for number in range(self.repeats - costs_left, self.repeats):
-            for _ in self._time_round(number):
-                done += len(self.runs)
+            for drawn in self._time_round(number):
+                done += drawn
                 yield progress(f"timing, round {number + 1} of {self.repeats}")
         meter = AccuracyMeter(self.stage, self.size_px)
         try:
@@ -127,23 +127,28 @@ class Sweep:
     def _overdraw_frames(self) -> list[int]:
         return sorted(set(np.linspace(0, len(self.views) - 1, OVERDRAW_FRAMES).astype(int).tolist()))
 
-    def _time_round(self, number: int) -> Iterator[None]:
-        """One flight of all runs side by side. A round that is broken off leaves nothing behind."""
-        renderers = [self._make(run, cost) for run, cost in zip(self.runs, self.costs, strict=True)]
+    def _time_round(self, number: int) -> Iterator[int]:
+        """One flight of all runs side by side. A round that is broken off leaves nothing behind.
+
+        Yields how many of its frames each step has drawn.
+        """
+        renderers: list[Renderer] = []
         trial = [Cost(rounds=[{}]) for _ in self.runs]
         target = self.stage.target(self.size_px)
         try:
-            for renderer in renderers:
-                warm_up(self.stage, renderer, self.views[0][1], self.views[0][0], target)
+            for run, cost in zip(self.runs, self.costs, strict=True):
+                renderers.append(self._make(run, cost))
+                warm_up(self.stage, renderers[-1], self.views[0][1], self.views[0][0], target)
+                yield 0
             for i, (time_s, camera) in enumerate(self.views):
-                time_interleaved(self.stage, renderers, trial, camera, time_s, target, first=i)
-                yield
+                for _ in interleaved_steps(self.stage, renderers, trial, camera, time_s, target, first=i):
+                    yield 1
             if number == 0:
                 for i in self._overdraw_frames:
                     time_s, camera = self.views[i]
                     for renderer, cost in zip(renderers, trial, strict=True):
                         cost.overdraw.append(measure_overdraw(self.stage, renderer, camera, time_s, self.size_px))
-                    yield
+                        yield 0
         finally:
             for renderer in renderers:
                 renderer.release()

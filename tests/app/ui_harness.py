@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 
 from imgui_bundle import _imgui_bundle as native
-from imgui_bundle import imgui
+from imgui_bundle import imgui, implot
 
 from app import gui
 from app.panel import Panel
@@ -78,6 +78,7 @@ class UiHarness:
 
     def close(self):
         engine.stop(self._engine)
+        implot.destroy_context()
         imgui.destroy_context()
         engine.destroy_context(self._engine)
 

@@ -1,0 +1,400 @@
+"""The laboratory panel, drawn with ImGui and ImPlot: promise, chart, fair switching, A beside B, waste, the flight.
+
+Everything it shows and does lives in `app.experiments` and `app.comparison`; here are only widgets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from imgui_bundle import imgui, imgui_ctx, implot
+
+from app.comparison import DIVIDER_RANGE, MODES
+from app.experiments import FRAMES_RANGE, run_point
+from app.session import Session
+from terrain.measure.chart import is_promise_kept, pareto_front, style
+from terrain.measure.strip import POP_SHARE, find_marks, slow_limit_ms
+from terrain.renderers import RENDERERS
+
+WIDTH_EM, LABEL_EM, CHART_EM, MARGIN_EM = 25.0, 7.0, 14.5, 0.6
+CLICK_PX = 12.0  # how near to a point of the chart a click must be
+WANTED_PX, WANTED_MS = (0.25, 16.0), (1.0, 200.0)
+GOOD, BAD, FAINT, INK = (0.35, 0.75, 0.45, 1.0), (0.95, 0.45, 0.15, 1.0), (0.6, 0.6, 0.6, 1.0), (1.0, 1.0, 1.0, 1.0)
+_FIXED = (
+    imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_collapse
+    | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_title_bar
+)  # fmt: skip
+
+
+def draw_laboratory(session: Session) -> None:
+    """The panel on the right, and the divider between A and B."""
+    if session.comparison.mode == "split":
+        _draw_divider(session)
+    if not session.shows_laboratory:
+        return
+    em, size = imgui.get_font_size(), imgui.get_io().display_size
+    margin = MARGIN_EM * em
+    imgui.set_next_window_pos((size.x - margin, margin), 0, (1.0, 0.0))
+    imgui.set_next_window_size_constraints((WIDTH_EM * em, 0.0), (WIDTH_EM * em, max(size.y - 2 * margin, 1.0)))
+    imgui.set_next_window_bg_alpha(0.9)
+    with imgui_ctx.begin("Laboratory", None, _FIXED | imgui.WindowFlags_.always_auto_resize):
+        _draw_promise(session)
+        _draw_chart(session)
+        _draw_measuring(session)
+        for title, draw, is_open in _SECTIONS:
+            if imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open if is_open else 0):
+                draw(session)
+
+
+def _draw_promise(session: Session) -> None:
+    """A gauge: the largest error behind the delivered one, and the promise as a line across."""
+    found = session.experiments.delivered
+    em = imgui.get_font_size()
+    width, height = imgui.get_content_region_avail().x, 0.8 * em
+    imgui.text("Promise")
+    imgui.same_line(LABEL_EM * em)
+    if found is None:
+        imgui.text_disabled("not measured yet")
+        imgui.dummy((width, height))
+        return
+    colour = GOOD if found.is_kept else BAD
+    verdict = "kept" if found.is_kept else "broken"
+    imgui.text_colored(colour, f"{found.tolerance_px:.2f} px, {verdict}")
+    draw, (x, y) = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos()
+    scale = width / max(2.0 * found.tolerance_px, 1.05 * found.max_px)
+    shade = (*colour[:3], 0.35)
+    for value, fill in ((2e9, (1.0, 1.0, 1.0, 0.08)), (found.max_px, shade), (found.p999_px, colour)):
+        draw.add_rect_filled((x, y), (x + min(value * scale, width), y + height), _packed(fill))
+    at = x + found.tolerance_px * scale
+    draw.add_line((at, y - 0.15 * em), (at, y + height + 0.15 * em), _packed(INK), 2.0)
+    imgui.dummy((width, height))
+    imgui.set_item_tooltip("Full colour: 99.9 % of the pixels err by less; faint: the worst; line: the tolerance.")
+    imgui.text_disabled(f"99.9 % below {found.p999_px:.3g} px, worst {found.max_px:.3g} px, {found.frame_ms:.1f} ms")
+
+
+def _draw_chart(session: Session) -> None:
+    """Cost across, error up, both logarithmic; the current state moves as a dot with its trail."""
+    lab, em = session.experiments, imgui.get_font_size()
+    runs = [run for run in lab.runs if lab.chosen.get(run["algorithm"], True)]
+    points = [_shown(*run_point(run)) for run in runs]
+    flags = implot.Flags_.no_title | implot.Flags_.no_legend | implot.Flags_.no_menus | implot.Flags_.no_mouse_text
+    if not implot.begin_plot("##Chart", (-1.0, CHART_EM * em), flags):
+        return
+    implot.setup_axes("frame time [ms]", "error, 99.9 % below [px]")
+    for axis in (implot.ImAxis_.x1, implot.ImAxis_.y1):
+        implot.setup_axis_scale(axis, implot.Scale_.log10)
+    (x0, x1), (y0, y1) = _limits([*points, *(_shown(*p) for p in lab.trail)])
+    implot.setup_axes_limits(x0, x1, y0, y1, imgui.Cond_.always)
+    for axis, low, high in ((implot.ImAxis_.x1, x0, x1), (implot.ImAxis_.y1, y0, y1)):
+        ticks = _ticks(low, high)
+        implot.setup_axis_ticks(axis, ticks, [f"{tick:g}" for tick in ticks], False)
+    front = pareto_front([p for run, p in zip(runs, points, strict=True) if run["algorithm"] != "reference"])
+    _plot("##Front", front, implot.Spec(line_color=(*FAINT[:3], 0.5), line_weight=5.0))
+    for name in RENDERERS:
+        own = [(run, p) for run, p in zip(runs, points, strict=True) if run["algorithm"] == name]
+        own.sort(key=lambda pair: pair[0]["settings"].get("tolerance_px", 0.0))
+        colour = colour_of(name)
+        _plot(f"##{name} line", [p for _, p in own], implot.Spec(line_color=colour, line_weight=1.5))
+        for kept in (True, False):
+            fill = colour if kept else (0.08, 0.08, 0.08, 1.0)
+            spec = implot.Spec(
+                marker=implot.Marker_.circle, marker_size=4.5, marker_line_color=colour, marker_fill_color=fill
+            )
+            _plot(f"##{name} {kept}", [p for run, p in own if is_promise_kept(run) == kept], spec, implot.plot_scatter)
+    trail = [_shown(*point) for point in lab.trail]
+    _plot("##Trail", trail, implot.Spec(line_color=(1.0, 1.0, 1.0, 0.45)))
+    now = implot.Spec(marker=implot.Marker_.diamond, marker_size=6.0, marker_line_color=INK, marker_fill_color=INK)
+    _plot("##Now", trail[-1:], now, implot.plot_scatter)
+    if implot.is_plot_hovered() and runs:
+        _point_at_mouse(session, runs, points)
+    implot.end_plot()
+
+
+def _point_at_mouse(session: Session, runs: Sequence[Any], points: Sequence[tuple[float, float]]) -> None:
+    """Name the point of the chart below the mouse; a click draws with it."""
+    mouse = imgui.get_io().mouse_pos
+    places = [implot.plot_to_pixels(implot.Point(*point)) for point in points]
+    distance = [math.hypot(place.x - mouse.x, place.y - mouse.y) for place in places]
+    nearest = int(np.argmin(distance))
+    if distance[nearest] > CLICK_PX:
+        return
+    run, (ms, px) = runs[nearest], run_point(runs[nearest])
+    title = RENDERERS[run["algorithm"]].title
+    imgui.set_tooltip(
+        f"{title}, tolerance {run['settings']['tolerance_px']:g} px\n{ms:.1f} ms, {px:.3g} px; click: use"
+    )
+    if imgui.is_mouse_clicked(0):
+        session.experiments.choose_run(run)
+
+
+def _draw_measuring(session: Session) -> None:
+    """Which algorithms, how many frames; Measure, or how far it is and Cancel."""
+    lab, em = session.experiments, imgui.get_font_size()
+    half = imgui.get_content_region_avail().x / 2
+    for number, name in enumerate(lab.chosen):
+        if number % 2:
+            imgui.same_line(half)
+        imgui.push_style_color(imgui.Col_.check_mark, colour_of(name))
+        imgui.push_style_color(imgui.Col_.text, colour_of(name))
+        lab.chosen[name] = imgui.checkbox(f"{_short(name)}##{name}", lab.chosen[name])[1]
+        imgui.pop_style_color(2)
+        imgui.set_item_tooltip(f"{RENDERERS[name].title}: in the chart, and in what is measured and made equal.")
+    if lab.is_busy:
+        if imgui.button("Cancel"):
+            lab.cancel()
+        imgui.same_line()
+        imgui.progress_bar(lab.share, (-1.0, 0.0), f"{lab.doing}, {100 * lab.share:.0f} %")
+        return
+    _button("Measure", "Draw the flight with every chosen algorithm at five tolerances.", lab.measure_runs)
+    imgui.same_line()
+    imgui.begin_disabled(lab.results is None)
+    _button("Save", "Save all that was measured as results.json and results.csv.", lambda: lab.save(session.folder))
+    imgui.end_disabled()
+    imgui.same_line()
+    imgui.set_next_item_width(-1.0)
+    lab.frames = imgui.slider_int("##Frames", lab.frames, *FRAMES_RANGE, "%d frames of the flight")[1]
+    imgui.set_item_tooltip("How many frames of the flight are measured; more take longer and say more.")
+    imgui.dummy((0.0, 0.1 * em))
+
+
+def _draw_fair(session: Session) -> None:
+    """What is wanted, and who is to deliver it."""
+    lab, em = session.experiments, imgui.get_font_size()
+    rows: tuple[tuple[str, str, tuple[float, float], str, Callable[[], None], bool], ...] = (
+        ("error", "wanted_px", WANTED_PX, "%.2f px", lab.tune_error, False),
+        ("time", "wanted_ms", WANTED_MS, "%.1f ms", lab.tune_time, True),
+    )
+    imgui.begin_disabled(lab.is_busy)
+    for what, attribute, limits, form, tune, by_time in rows:
+        imgui.set_next_item_width(LABEL_EM * em)
+        flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
+        value = imgui.slider_float(f"##Wanted {what}", getattr(lab, attribute), *limits, form, flags)[1]
+        setattr(lab, attribute, value)
+        imgui.same_line()
+        told = f"Turn every chosen algorithm's tolerance until all have this {what}; then switch with the digit keys."
+        _button(f"Equal {what}", told, tune)
+        imgui.same_line(17.0 * em)
+        told = f"Switch to the best algorithm and setting measured for this {what}."
+        _button(f"Best for me##{what}", told, lambda by_time=by_time: lab.choose_best(by_time=by_time))  # type: ignore[misc]
+    imgui.end_disabled()
+    if session.tuned:
+        imgui.push_text_wrap_pos(0.0)
+        told = ", ".join(f"{_short(n)} {s.tolerance_px:.2f}" for n, s in session.tuned.items())
+        imgui.text_disabled(f"tolerances [px]: {told}")
+        imgui.pop_text_wrap_pos()
+
+
+def _draw_comparison(session: Session) -> None:
+    """A is what is chosen in the panel on the left; B is chosen here."""
+    other, em = session.comparison, imgui.get_font_size()
+    modes = list(MODES)
+    chosen = _combo("A and B", modes.index(other.mode), list(MODES.values()))
+    if modes[chosen] != other.mode:
+        session.compare(modes[chosen])
+    names = list(RENDERERS)
+    chosen = _combo("B is", names.index(other.algorithm), [kind.title for kind in RENDERERS.values()])
+    if names[chosen] != other.algorithm:
+        session.choose_other(names[chosen])
+    _label("Tolerance B")
+    imgui.set_next_item_width(-1.0)
+    flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
+    tolerance_px = imgui.slider_float("##Tolerance B", other.settings.tolerance_px, *WANTED_PX, "%.2f px", flags)[1]
+    if not math.isclose(tolerance_px, other.settings.tolerance_px, rel_tol=1e-6):
+        kind = type(other.settings)
+        same = {name: getattr(other.settings, name) for name in other.settings.__dataclass_fields__}
+        session.choose_other(other.algorithm, kind(**{**same, "tolerance_px": tolerance_px}))
+    imgui.dummy((0.0, 0.0))
+    imgui.same_line(LABEL_EM * em)
+    keep = "Keep what is shown now, with all its settings, as B."
+    _button("Keep A as B", keep, lambda: session.choose_other(session.algorithm, session.settings))
+    imgui.same_line()
+    _button("Swap", "A becomes B and B becomes A.", session.swap_sides)
+
+
+def _draw_waste(session: Session) -> None:
+    """What the view cost against what it needs."""
+    lab, em = session.experiments, imgui.get_font_size()
+    imgui.begin_disabled(lab.is_busy)
+    _button("Meter this view", "Count what this view cost against what it needs (takes seconds).", lab.meter_waste)
+    imgui.end_disabled()
+    with imgui_ctx.begin_table("waste", 2):
+        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, 11.0 * em)
+        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
+        for name, value in waste_figures(session):
+            imgui.table_next_row()
+            imgui.table_next_column()
+            imgui.text_disabled(name)
+            imgui.table_next_column()
+            imgui.text(value)
+
+
+def waste_figures(session: Session) -> list[tuple[str, str]]:
+    """The waste meter, as (name, value); what was not measured is left out."""
+    waste = session.experiments.waste
+    if waste is None:
+        return []
+    spent = waste.triangles / max(waste.needed, 1)
+    share = None if waste.small_share is None else f"{100 * waste.small_share:.0f} %"
+    rows: list[tuple[str, str | None]] = [
+        ("triangles drawn", f"{waste.triangles:,}"),
+        ("needed for its error", f"about {waste.needed:,} (1 : {spent:.1f})"),
+        ("smaller than a pixel", share),
+        ("per covered pixel", f"{waste.triangles / max(waste.covered_px, 1):.2f}"),
+        ("overdraw", f"{waste.overdraw_mean:.2f}, at most {waste.overdraw_max:.0f}"),
+        ("ray steps per pixel", None if waste.ray_steps is None else f"{waste.ray_steps:.1f}"),
+        ("slices", None if waste.slices is None else f"{waste.slices:,}"),
+    ]
+    return [(name, value) for name, value in rows if value is not None]
+
+
+def _draw_flight(session: Session) -> None:
+    """The flight's timeline, and below it where it is not stable; a click goes there."""
+    lab, em = session.experiments, imgui.get_font_size()
+    duration_s = max(session.flight.duration_s, 1e-3)
+    imgui.set_next_item_width(-1.0)
+    changed, time_s = imgui.slider_float("##Timeline", session.flight_s, 0.0, duration_s, "%.1f s")
+    if changed:
+        session.seek(time_s)
+    width, height = imgui.get_content_region_avail().x, 3.9 * em
+    draw, (x, y) = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos()
+    if imgui.invisible_button("##Strip", (width, height)):
+        session.seek((imgui.get_io().mouse_pos.x - x) / width * duration_s)
+    if imgui.is_item_hovered():
+        _tell_strip(session, (imgui.get_io().mouse_pos.x - x) / width * duration_s)
+    frames, tolerance_px = lab.strip, lab.strip_tolerance_px
+    marks = find_marks(frames, tolerance_px)
+    limit_ms = slow_limit_ms(frames) if frames else 1.0
+    lanes = (
+        ("holes", [float(frame.holes_px) for frame in frames], 1.0, marks.holes),
+        ("pops", [frame.popping_px for frame in frames], POP_SHARE * tolerance_px, marks.pops),
+        ("slow", [frame.frame_ms for frame in frames], limit_ms, marks.slow),
+    )
+    lane_height = height / len(lanes)
+    for number, (name, values, limit, wrong) in enumerate(lanes):
+        top = y + number * lane_height
+        bottom = top + lane_height - 2.0
+        draw.add_rect_filled((x, top), (x + width, bottom), _packed((1.0, 1.0, 1.0, 0.07)))
+        step = max(width / max(len(frames), 1), 1.0) if not lab.is_busy else max(width * 0.003, 1.0)
+        for i, value in enumerate(values):
+            at = x + frames[i].time_s / duration_s * (width - step)
+            tall = min(value / limit, 1.0) * (bottom - top)
+            colour = BAD if i in wrong else (*GOOD[:3], 0.55)
+            draw.add_rect_filled(
+                (at, bottom - (bottom - top if i in wrong else tall)), (at + step, bottom), _packed(colour)
+            )
+        draw.add_text((x + 0.3 * em, top + 0.05 * em), _packed((1.0, 1.0, 1.0, 0.75)), f"{name} {len(wrong) or ''}")
+    at = x + session.flight_s / duration_s * width
+    draw.add_line((at, y), (at, y + height), _packed(INK), 1.5)
+    imgui.begin_disabled(lab.is_busy)
+    _button("Check the flight", "Look for holes, pops and slow frames along the flight.", lab.check_flight)
+    imgui.end_disabled()
+
+
+def _tell_strip(session: Session, time_s: float) -> None:
+    frames = session.experiments.strip
+    if frames:
+        frame = min(frames, key=lambda frame: abs(frame.time_s - time_s))
+        told = f"{frame.holes_px} px of holes, popping {frame.popping_px:.2f} px, {frame.frame_ms:.1f} ms"
+        imgui.set_tooltip(f"{frame.time_s:.1f} s: {told}; click: go there")
+
+
+def _draw_divider(session: Session) -> None:
+    """The line between A and B: it can be dragged. Names stand on both sides of it, at the bottom."""
+    other, em, size = session.comparison, imgui.get_font_size(), imgui.get_io().display_size
+    at, grip = other.divider * size.x, 0.8 * em
+    imgui.set_next_window_pos((at - grip / 2, 0.0))
+    imgui.set_next_window_size((grip, size.y))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, (0.0, 0.0))
+    imgui.push_style_var(imgui.StyleVar_.window_min_size, (1.0, 1.0))
+    flags = _FIXED | imgui.WindowFlags_.no_background | imgui.WindowFlags_.no_bring_to_front_on_focus
+    with imgui_ctx.begin("Divider", None, flags):
+        imgui.invisible_button("##Divider", (grip, size.y))
+        if imgui.is_item_hovered() or imgui.is_item_active():
+            imgui.set_mouse_cursor(imgui.MouseCursor_.resize_ew)
+        if imgui.is_item_active():
+            other.divider = min(max(imgui.get_io().mouse_pos.x / size.x, DIVIDER_RANGE[0]), DIVIDER_RANGE[1])
+    imgui.pop_style_var(2)
+    draw = imgui.get_background_draw_list()
+    draw.add_line((at, 0.0), (at, size.y), _packed(INK), 2.0)
+    sides = (f"A  {_short(session.algorithm)} {session.settings.tolerance_px:g} px",
+             f"B  {_short(other.algorithm)} {other.settings.tolerance_px:g} px")  # fmt: skip
+    for text, is_left in zip(sides, (True, False), strict=True):
+        extent = imgui.calc_text_size(text)
+        x, y = (at - extent.x - em if is_left else at + em), 0.6 * em
+        draw.add_rect_filled(
+            (x - 4.0, y - 2.0), (x + extent.x + 4.0, y + extent.y + 2.0), _packed((0.0, 0.0, 0.0, 0.6)), 3.0
+        )
+        draw.add_text((x, y), _packed(INK), text)
+
+
+_SECTIONS: tuple[tuple[str, Callable[[Session], None], bool], ...] = (
+    ("Fair switching", _draw_fair, True),
+    ("Flight", _draw_flight, True),
+    ("A beside B", _draw_comparison, False),
+    ("Waste", _draw_waste, False),
+)
+
+
+def colour_of(algorithm: str) -> tuple[float, float, float, float]:
+    """The algorithm's colour of the charts, light enough for a dark panel."""
+    text = style(algorithm)[0].lstrip("#")
+    red, green, blue = (0.3 + 0.7 * int(text[i : i + 2], 16) / 255 for i in (0, 2, 4))
+    return red, green, blue, 1.0
+
+
+def _short(algorithm: str) -> str:
+    return algorithm.capitalize()
+
+
+def _packed(colour: Sequence[float]) -> int:
+    return imgui.get_color_u32(imgui.ImVec4(*colour))
+
+
+def _label(text: str) -> None:
+    imgui.align_text_to_frame_padding()
+    imgui.text(text)
+    imgui.same_line(LABEL_EM * imgui.get_font_size())
+
+
+def _combo(label: str, current: int, items: list[str]) -> int:
+    _label(label)
+    imgui.set_next_item_width(-1.0)
+    return imgui.combo(f"##{label}", current, items, len(items))[1]
+
+
+def _button(title: str, told: str, act: Callable[[], None]) -> None:
+    if imgui.button(title):
+        act()
+    imgui.set_item_tooltip(told)
+
+
+def _shown(ms: float, px: float) -> tuple[float, float]:
+    """A point as the chart shows it: no logarithm of nothing."""
+    return max(ms, 1e-2), max(px, 1e-3)
+
+
+def _limits(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges (low, high) of both axes that hold all points with room to spare."""
+    low = np.array(points or [(5.0, 0.25)]).min(axis=0)
+    high = np.array(points or [(100.0, 8.0)]).max(axis=0)
+    middle, reach = np.sqrt(low * high), np.maximum(np.sqrt(high / low) * 1.4, 3.0)
+    (x0, y0), (x1, y1) = middle / reach, middle * reach
+    return (float(x0), float(x1)), (float(y0), float(y1))
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Round numbers on a logarithmic axis: 1, 2, 5, 10 ..., or powers of ten where those are many."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = (1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,)
+    return [tick for decade in decades for step in steps if low <= (tick := step * 10.0**decade) <= high]
+
+
+def _plot(
+    label: str, points: Sequence[tuple[float, float]], spec: implot.Spec, plot: Callable[..., None] = implot.plot_line
+) -> None:
+    if points:
+        x, y = np.array(points, np.float64).T
+        plot(label, np.ascontiguousarray(x), np.ascontiguousarray(y), spec)
