@@ -22,6 +22,7 @@ Path = tuple[Camera, ...]
 
 POSTS = 129
 FRAME_S = 1 / 30
+LEAST_CLEARANCE_M = 0.002  # of cameras found by chance: nearer, the near plane cuts the ground
 
 
 def _hills(rows: int, cols: int, relief_m: float = 200.0, seed: int = 1) -> Grid:
@@ -180,7 +181,7 @@ def random_camera(terrain: Heightfield, rng: np.random.Generator) -> Camera:
     (width, depth), (low, high) = terrain.extent_m, terrain.height_range_m
     x, z = rng.uniform(-0.1, 1.1) * width, rng.uniform(-0.1, 1.1) * depth
     ground = float(terrain.heights_at(x, z))
-    nearest, farthest = 0.02 * min(terrain.spacing_m), math.hypot(width, depth, high - low)
+    nearest, farthest = _least_clearance_m(terrain), math.hypot(width, depth, high - low)
     clearance = nearest * (farthest / nearest) ** rng.uniform(0, 1)
     y = (high if math.isnan(ground) else ground) + clearance
     yaw, pitch = rng.uniform(0, 360), float(np.clip(rng.normal(-15, 25), -90, 90))
@@ -196,7 +197,7 @@ def nearby_camera(terrain: Heightfield, camera: Camera, reach: float, rng: np.ra
     x, y, z = camera.eye_m + steps
     ground = float(terrain.heights_at(x, z))
     if not math.isnan(ground):
-        y = max(y, ground + 0.02 * min(terrain.spacing_m))
+        y = max(y, ground + _least_clearance_m(terrain))
     return Camera(
         (float(x), float(y), float(z)),
         camera.yaw_deg + rng.normal(0, 60) * reach,
@@ -204,6 +205,10 @@ def nearby_camera(terrain: Heightfield, camera: Camera, reach: float, rng: np.ra
         camera.roll_deg + rng.normal(0, 20) * reach,
         camera.fov_deg,
     )
+
+
+def _least_clearance_m(terrain: Heightfield) -> float:
+    return max(0.02 * min(terrain.spacing_m), LEAST_CLEARANCE_M)
 
 
 def _looking_at(
