@@ -33,6 +33,7 @@ from terrain.scene import Scene
 BLOCK_PX = 8
 PACKED_CELLS = 40_000_000  # up to here (640 MB) the corners of a cell lie in one texel: one fetch instead of four
 STEPS_PER_HUE = 8.0
+FARTHEST_CELL = 1 << 30  # the eye may be farther from a finely sampled plane than integers reach
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ class _View:
     """A plane seen from an eye: what the shaders need to know, in map coordinates."""
 
     map_from_world: npt.NDArray[np.float64]  # (3, 3)
-    eye_cell: tuple[int, int]
+    eye_cell: tuple[int, ...]
     eye_part: tuple[float, float]
     eye_h: float
     inwards: tuple[float, float]
@@ -275,7 +276,7 @@ class _Plane:
             steepest = float(np.ptp(terrain.heights_m[row : row + 4, col : col + 4])) / min(dx, dz)
             is_below = clearance <= 0.0
             is_near = clearance <= 4.0 * frame.near_m * math.hypot(1.0, steepest)  # the near plane may cut the ground
-        cell = (math.floor(u), math.floor(v))
+        cell = tuple(math.floor(np.clip(x, -FARTHEST_CELL, FARTHEST_CELL)) for x in (u, v))
         return _View(
             self._map_from_world[:3, :3], cell, (u - cell[0], v - cell[1]), h,
             (1e-20 if 2 * u < cols else -1e-20, 1e-20 if 2 * v < rows else -1e-20),

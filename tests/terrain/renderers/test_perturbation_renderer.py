@@ -289,6 +289,12 @@ def test_the_eye_may_be_millions_of_metres_from_the_origin(stage_of):
     assert share_equal(pictures[1], pictures[0], 1e-5) >= 0.9995
 
 
+def test_a_fine_plane_seen_from_farther_than_integers_reach_is_no_error(stage_of):
+    fine = Heightfield(ridges(40, 40).heights_m, (1e-4, 1e-4))
+    stage = stage_of(ridges(), (BasePlane(fine),), **EXACT)
+    assert np.isfinite(depths(stage, Camera((0.0, 3e5, 5e5), 0, -31, 0, 0.3))).any()
+
+
 def test_while_frozen_the_detail_stays_where_it_was_chosen(stage_of):
     terrain = ridges(257, 257, (30.0, 30.0))
     stage = stage_of(terrain, tolerance_px=8.0)
