@@ -40,6 +40,8 @@ void main() {
     position *= surface_at(position, entry.x, entry.y, ENOUGH_PX * pixel_m);
 #endif
     vec2 post = u_eye_post.xy + posts_from_eye(position);
+    vec2 inside = clamp(post, vec2(0.0), u_grid.xy - 1.0);  // borders of slices reach over the grid's edge
+    position.xz += (inside - post) * u_grid.zw;
     vec2 ground = (post + 0.5) / u_grid.xy;
     float most = STEEPEST * pixel_m / min(u_grid.x * u_grid.z, u_grid.y * u_grid.w);
     ground_across = bounded(dFdx(ground), most);

@@ -55,6 +55,8 @@ START_RATIO = 12.0
 # A slice is named by one 32-bit word: its box in the low bits, its number above. Numbers from the last one down are the
 # box's own faces: x low, x high, y low, y high, z low, z high.
 BOX_BITS, LAST_NUMBER, FACE_COUNT = 20, 4095, 6
+# The picture is cut into so many strips where slices are looked for; this share of them shows none in the end.
+STRIPS, IN_VAIN = 16, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,25 +188,34 @@ def _decide(tree: SliceTree, frame: Frame, mode: Mode, speeds: Speeds, parts: li
     direction, slices, slices_ms, polygons_ms = (
         np.concatenate(a) for a in zip(*(p[2:] for p in parts), strict=True)
     )  # fmt: skip
+    nodes = Nodes(level, row, col)
     sliced = np.isfinite(slices_ms)
     if mode == "polygons":
         sliced[:] = False
     elif mode == "hybrid":
         sliced &= slices_ms < polygons_ms
-        # The pass that looks for slices covers the picture: below its cost no slice pays.
-        if (polygons_ms - slices_ms)[sliced].sum() < speeds.search_ms:
-            sliced[:] = False
-    nodes = Nodes(level, row, col)
+    search_ms = _search_ms(tree, frame, speeds, nodes.where(sliced))
+    # The pass that looks for slices covers more than they do: below its cost no slice pays.
+    if mode == "hybrid" and (polygons_ms - slices_ms)[sliced].sum() < search_ms:
+        sliced[:], search_ms = False, 0.0
     order = front_to_back(tree, frame, nodes)
     nodes, sliced = nodes.where(order), sliced[order]
     lower, upper = tree.corners(nodes)
-    cost_ms = float(np.where(sliced, slices_ms[order], polygons_ms[order]).sum()) + speeds.search_ms * bool(
-        sliced.any()
-    )
+    cost_ms = float(np.where(sliced, slices_ms[order], polygons_ms[order]).sum()) + search_ms
     return Cut(
         nodes, lower, upper, np.where(sliced, direction[order], np.int32(POLYGONS)),
         np.where(sliced, slices[order], np.int32(0)), cost_ms,
     )  # fmt: skip
+
+
+def _search_ms(tree: SliceTree, frame: Frame, speeds: Speeds, sliced: Nodes) -> float:
+    """What is spent on pixels that show no slice in the end."""
+    if not len(sliced.level):
+        return 0.0
+    strips = strips_of(*tree.corners(sliced), frame)
+    share = float(((strips[:, 2] - strips[:, 0]) * (strips[:, 3] - strips[:, 1])).sum())
+    pixels = share * frame.viewport_px[0] * frame.viewport_px[1]
+    return speeds.search_ms + IN_VAIN * pixels * speeds.found_pixel_ms
 
 
 def front_to_back(tree: SliceTree, frame: Frame, nodes: Nodes) -> npt.NDArray[np.intp]:
@@ -250,3 +261,27 @@ def name_slices(cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool) -> npt.N
     is_face = number >= cut.slices[box]
     number[is_face] = LAST_NUMBER - np.nonzero(leaves)[1]
     return np.asarray(box | number << BOX_BITS).astype(np.uint32)
+
+
+def strips_of(lower_m: npt.NDArray[np.float64], upper_m: npt.NDArray[np.float64], frame: Frame) -> Floats:
+    """Upright strips of the picture and how much of each the boxes (n, 3) cover: (`STRIPS`, 4) float32.
+
+    Columns are the low and the high corner, 0..1 from the lower left; a strip without boxes is empty.
+    """
+    ends = np.stack([lower_m, upper_m]) - frame.eye_m
+    which = np.arange(8)[:, None] >> np.arange(3) & 1
+    corner = ends[which, :, np.arange(3)].transpose(2, 0, 1)  # (n, 8, 3)
+    clip = corner @ frame.clip_from_eye[[0, 1, 3], :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        screen = np.clip(0.5 + 0.5 * clip[..., :2] / clip[..., 2:], 0.0, 1.0)
+    low, high = screen.min(axis=1), screen.max(axis=1)
+    around = (clip[..., 2] <= frame.near_m).any(axis=1)  # a corner behind the eye says nothing
+    low[around], high[around] = 0.0, 1.0
+    margin = 1.5 / np.array(frame.viewport_px)  # borders of slices, and rounding
+    edge = np.arange(STRIPS + 1) / STRIPS
+    touches = (low[:, 0] - margin[0] <= edge[1:, None]) & (high[:, 0] + margin[0] >= edge[:-1, None])  # (STRIPS, n)
+    strips = np.zeros((STRIPS, 4), np.float32)
+    strips[:, 0], strips[:, 2] = edge[:-1], edge[1:]
+    strips[:, 1] = np.where(touches, low[:, 1] - margin[1], 1.0).min(axis=1, initial=1.0).clip(0.0)
+    strips[:, 3] = np.where(touches, high[:, 1] + margin[1], 0.0).max(axis=1, initial=0.0).clip(strips[:, 1], 1.0)
+    return strips

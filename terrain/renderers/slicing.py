@@ -17,7 +17,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.slicing import BOX_BITS, FACE_COUNT, LAST_NUMBER, Cut, name_slices, select_cut
+from terrain.algorithms.slicing import BOX_BITS, FACE_COUNT, LAST_NUMBER, Cut, name_slices, select_cut, strips_of
 from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
 from terrain.algorithms.slicing_tree import Nodes, build_slice_tree
 from terrain.frame import Frame, FrameStats
@@ -26,7 +26,7 @@ from terrain.gpu.geometry import Geometry
 from terrain.heightfield import Diagonal
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
-from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, SliceBundles, strips_of
+from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, SliceBundles
 from terrain.renderers.slicing_calibration import load_speeds
 from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
@@ -155,7 +155,10 @@ class SlicingRenderer:
                 target.depth_mask = True
                 self._gpu.ctx.depth_func = ">"
             else:
-                bundles.resolve(frame.output, strips_of(cut, frame), paper, underground)
+                sliced = cut.direction != POLYGONS
+                bundles.resolve(
+                    frame.output, strips_of(cut.lower_m[sliced], cut.upper_m[sliced], frame), paper, underground
+                )
 
     def _may_be_underground(self, frame: Frame) -> bool:
         """Whether a ray may be in the ground without having met it from above."""

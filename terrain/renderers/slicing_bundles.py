@@ -13,8 +13,8 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.slicing import Cut
-from terrain.algorithms.slicing_cost import POLYGONS, Y_SLICES, Z_SLICES
+from terrain.algorithms.slicing import STRIPS, Cut
+from terrain.algorithms.slicing_cost import Y_SLICES, Z_SLICES
 from terrain.frame import Frame, Output
 from terrain.gpu.context import Gpu
 from terrain.gpu.geometry import Geometry
@@ -22,7 +22,6 @@ from terrain.gpu.programs import UNITS
 
 RECORDS_PER_ROW = 256
 GL_COLOR = 0x1800
-STRIPS = 16  # into which the picture is cut when slices are resolved
 # How far slices reach over their box [px]: corners of triangles are rounded to 1/256 px, and no ray may slip between.
 BORDER_PX = 0.1
 PAPER_BORDER_PX = 1.0  # section 5
@@ -194,28 +193,3 @@ def pack_records(cut: Cut, frame: Frame, border_px: float) -> npt.NDArray[np.flo
     used[:, 0:3], used[:, 3], used[:, 4:7], used[:, 7] = lower, cut.slices, upper, border
     used[:, 8], used[:, 9], used[:, 10] = axis, near, far
     return records.reshape(rows, -1)
-
-
-def strips_of(cut: Cut, frame: Frame) -> npt.NDArray[np.float32]:
-    """Upright strips of the picture and how much of each the sliced boxes cover: (`STRIPS`, 4) float32.
-
-    Columns are the low and the high corner, 0..1 from the lower left; a strip without slices is empty.
-    """
-    sliced = cut.direction != POLYGONS
-    ends = np.stack([cut.lower_m[sliced], cut.upper_m[sliced]]) - frame.eye_m
-    which = np.arange(8)[:, None] >> np.arange(3) & 1
-    corner = ends[which, :, np.arange(3)].transpose(2, 0, 1)  # (n, 8, 3)
-    clip = corner @ frame.clip_from_eye[[0, 1, 3], :3].T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        screen = np.clip(0.5 + 0.5 * clip[..., :2] / clip[..., 2:], 0.0, 1.0)
-    low, high = screen.min(axis=1), screen.max(axis=1)
-    around = (clip[..., 2] <= frame.near_m).any(axis=1)  # a corner behind the eye says nothing
-    low[around], high[around] = 0.0, 1.0
-    margin = 1.5 / np.array(frame.viewport_px)  # borders of slices, and rounding
-    edge = np.arange(STRIPS + 1) / STRIPS
-    touches = (low[:, 0] - margin[0] <= edge[1:, None]) & (high[:, 0] + margin[0] >= edge[:-1, None])  # (STRIPS, n)
-    strips = np.zeros((STRIPS, 4), np.float32)
-    strips[:, 0], strips[:, 2] = edge[:-1], edge[1:]
-    strips[:, 1] = np.where(touches, low[:, 1] - margin[1], 1.0).min(axis=1, initial=1.0).clip(0.0)
-    strips[:, 3] = np.where(touches, high[:, 1] + margin[1], 0.0).max(axis=1, initial=0.0).clip(strips[:, 1], 1.0)
-    return strips

@@ -9,6 +9,7 @@ import pytest
 from scipy.ndimage import minimum_filter
 
 import terrain.renderers.slicing as slicing
+from terrain.algorithms.slicing import strips_of
 from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
 from terrain.algorithms.slicing_tree import Nodes
 from terrain.camera import Camera
@@ -18,7 +19,7 @@ from terrain.heightfield import Heightfield
 from terrain.pyramid import build_pyramid
 from terrain.renderers.reference import ReferenceRenderer
 from terrain.renderers.slicing import SlicingRenderer, SlicingSettings, rank_correlation, split_nodes
-from terrain.renderers.slicing_bundles import pack_cells, pack_records, strips_of
+from terrain.renderers.slicing_bundles import pack_cells, pack_records
 from terrain.renderers.slicing_calibration import load_speeds, measure_speeds
 from terrain.scene import Scene
 from terrain.stage import Stage
@@ -288,7 +289,9 @@ def test_strips_hold_every_pixel_of_a_slice(stage: Stage) -> None:
     frame = stage.frame(CAMERAS["low"], SIZE)
     stage.renderer.settings = SlicingSettings(mode="slices")
     world, covered = positions(stage, CAMERAS["low"])
-    strips = strips_of(stage.renderer._cut, frame)
+    cut = stage.renderer._cut
+    sliced = cut.direction != POLYGONS
+    strips = strips_of(cut.lower_m[sliced], cut.upper_m[sliced], frame)
     row, col = np.nonzero(covered)
     x, y = (col + 0.5) / SIZE[0], 1 - (row + 0.5) / SIZE[1]
     strip = strips[np.minimum((x * len(strips)).astype(int), len(strips) - 1)]
