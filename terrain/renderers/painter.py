@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from terrain.algorithms.culling import Culler, Nodes
 from terrain.algorithms.painter import FIXED_FOOT, Foot, classify_tiles, foot_at
-from terrain.algorithms.painter_levels import LevelErrors, order_blocks, tile_edges
+from terrain.algorithms.painter_errors import LevelErrors, load_level_errors
+from terrain.algorithms.painter_levels import order_blocks, tile_edges
 from terrain.algorithms.painter_tiles import (
     CELLS,
     TileGrid,
@@ -179,7 +180,7 @@ class PainterRenderer:
         terrain, size = self._scene.heightfield, 1 << self._tile_level
         if self._errors is None:
             begin = time.perf_counter()
-            self._errors = LevelErrors(terrain.heights_m, size)
+            self._errors = load_level_errors(terrain, size)
             self.stats.prepare_s = time.perf_counter() - begin
         x, y, z = frame.eye_m
         rows, cols = self._grid.cells

@@ -10,7 +10,8 @@ from test_painter import code, coordinates, doubled_area, eyes_over, triangles_o
 from test_painter_levels import levels_over
 
 from terrain.algorithms.painter import FIXED_FOOT, foot_at
-from terrain.algorithms.painter_levels import LevelErrors, order_stitched, tile_edges
+from terrain.algorithms.painter_errors import build_level_errors
+from terrain.algorithms.painter_levels import order_stitched, tile_edges
 from terrain.algorithms.painter_tiles import (
     BLOCKS,
     CELLS,
@@ -111,7 +112,7 @@ def test_no_tiles_need_no_calls():
 def test_triangles_are_counted_as_they_are_drawn(rows, cols, seed):
     grid = TileGrid((rows, cols), 3)
     allowed_m = np.random.default_rng(seed).choice([-1.0, 1.0], grid.shape)
-    levels = LevelErrors(np.zeros((rows + 1, cols + 1), np.float32), 8).select(allowed_m)
+    levels = build_level_errors(np.zeros((rows + 1, cols + 1), np.float32), 8).select(allowed_m)
     tiles, drawn = all_tiles(grid, levels), 0
     for r, c, level, edges in zip(*tiles, strict=True):
         posts = (order_stitched(8 >> level, int(edges), np.zeros(6, int)) << level) + np.array([r, c]) * 8
