@@ -17,7 +17,7 @@ from terrain.camera import Camera
 from terrain.heightfield import Georeference, Heightfield, fill_holes
 
 Grid = npt.NDArray[np.float32]
-Path = tuple[Camera, ...]
+CameraPath = tuple[Camera, ...]
 """Cameras of consecutive frames; a single one is a still."""
 
 POSTS = 129
@@ -105,7 +105,7 @@ def hostile_scene(name: str) -> Heightfield:
     return replace(_SCENES[name](), name=name)
 
 
-def hostile_paths(terrain: Heightfield) -> dict[str, Path]:
+def hostile_paths(terrain: Heightfield) -> dict[str, CameraPath]:
     """Hostile cameras for a terrain, by name: stills, and flights a frame (1/30 s) apart."""
     return {name: (camera,) for name, camera in _stills(terrain).items()} | _flights(terrain)
 
@@ -151,7 +151,7 @@ def _stills(terrain: Heightfield) -> dict[str, Camera]:
     }
 
 
-def _flights(terrain: Heightfield) -> dict[str, Path]:
+def _flights(terrain: Heightfield) -> dict[str, CameraPath]:
     width, depth = terrain.extent_m
     low, high = terrain.height_range_m
     relief, size = high - low, math.hypot(width, depth)

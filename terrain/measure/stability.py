@@ -29,7 +29,7 @@ from terrain.gpu.targets import create_target
 from terrain.measure.accuracy import AccuracyMeter, Pool, Truth, count_holes, drawn_by
 from terrain.measure.cost import time_frame
 from terrain.measure.hidden import count_misplaced, has_edges, passes_below, shown_distances
-from terrain.measure.hostile import FRAME_S, Path, hostile_paths, nearby_camera, random_camera
+from terrain.measure.hostile import FRAME_S, CameraPath, hostile_paths, nearby_camera, random_camera
 from terrain.renderers import RENDERERS
 from terrain.renderers.base import Renderer
 from terrain.scene import Scene
@@ -72,7 +72,7 @@ class Verdict:
     figures: Mapping[str, float]
     complaints: tuple[str, ...]
     limit: str | None
-    path: Path
+    path: CameraPath
     worst: int
 
     @property
@@ -144,7 +144,7 @@ class Checker:
             yield self.check(case, path)
         yield self.check("worst found", (self.find_worst(seed),))
 
-    def check(self, case: str, path: Path) -> Verdict:
+    def check(self, case: str, path: CameraPath) -> Verdict:
         """Judge one case."""
         found = _Findings()
         try:
@@ -214,7 +214,7 @@ class Checker:
     def _make(self) -> Renderer:
         return RENDERERS[self.algorithm](self.stage.gpu, self.stage.scene, self.settings)
 
-    def _fly(self, path: Path, found: _Findings) -> None:
+    def _fly(self, path: CameraPath, found: _Findings) -> None:
         """Draw and measure every frame of a case with a new renderer."""
         renderer = self._make()
         self._meter.restart()
@@ -283,7 +283,7 @@ class Checker:
         except _BREAKDOWNS:
             return math.inf
 
-    def _judge(self, path: Path, found: _Findings) -> None:
+    def _judge(self, path: CameraPath, found: _Findings) -> None:
         """Add the complaints about a case as a whole."""
         largest_px = MAXIMUM_SHARE * self.tolerance_px
         if found.error.count:
@@ -303,7 +303,7 @@ class Checker:
             median = float(np.median(found.frame_ms))
             found.complain("slow", f"{found.frame_ms[number]:.0f} ms against a median of {median:.1f} ms", number)
 
-    def _time_again(self, path: Path, found: _Findings) -> None:
+    def _time_again(self, path: CameraPath, found: _Findings) -> None:
         """Fly once more where a frame was slow, and keep the shortest times: another program may have interfered."""
         for _ in range(TIMING_TRIES - 1):
             if not _slow_frames(found.frame_ms):
