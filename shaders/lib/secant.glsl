@@ -1,5 +1,5 @@
 // From a point in the ground back to the surface, along the sight ray. Include after lib/packed.glsl.
-const int MOST_STEPS = 6, STEPS_BACK = 3;
+const int MOST_STEPS = 6, STEPS_BACK = 6;
 
 // Where along the ray it was last above the ground before it came to the hit; 1 if nowhere since `entry`.
 float last_above(vec3 hit, float entry) {
@@ -14,13 +14,14 @@ float last_above(vec3 hit, float entry) {
 // Where the ray meets the ground between `above` and 1, as shares of the way from the eye to `hit`: secant steps that
 // halve the weight of an end which stays (Illinois), so that no bend of the ground can stall them. Stops where the point
 // lies within `enough_m` of the surface. Where the ray was in the ground before, along the border of a neighbouring box,
-// it goes back by `stride`, the distance of planes.
+// it goes back by `stride`, the distance of planes, and ever longer.
 float surface_at(vec3 hit, float above, float stride, float enough_m) {
     float high = depth_in_ground(hit * above), deep = depth_in_ground(hit), under = 1.0;
     for (int i = 0; i < STEPS_BACK && high >= 0.0; ++i) {
         under = above;
         deep = high;
         above = max(above - stride, 0.0);
+        stride *= 2.0;
         high = depth_in_ground(hit * above);
     }
     if (high >= 0.0) return above;

@@ -128,7 +128,8 @@ def _peaks(heights: Floats, half: int, rows: int, cols: int) -> Floats:
     """
     size = 1 << BASE_LEVEL
     step = min(max(half // 2, 1), size)
-    peaks = np.zeros((rows * size // step, cols * size // step), np.float32)
+    per = size // step
+    peaks = np.zeros((rows * per + 1, cols * per + 1), np.float32)
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         first = [-(-half // step) * step if moves else 0 for moves in (down, right)]
         stop = [n - half if moves else n for moves, n in zip((down, right), heights.shape, strict=True)]
@@ -142,7 +143,10 @@ def _peaks(heights: Floats, half: int, rows: int, cols: int) -> Floats:
         )
         part = peaks[first[0] // step :, first[1] // step :][: rise.shape[0], : rise.shape[1]]
         np.maximum(part, rise[: part.shape[0], : part.shape[1]], out=part)
-    return np.asarray(peaks.reshape(rows, size // step, cols, size // step).max(axis=(1, 3)))
+    # A node's last row and column of posts are the next node's first: their flanks lie in both.
+    inner = peaks[:-1, :-1].reshape(rows, per, cols, per).max(axis=(1, 3))
+    south, east = peaks[per::per, :-1].reshape(rows, cols, per), peaks[:-1, per::per].reshape(rows, per, cols)
+    return np.maximum.reduce([inner, south.max(axis=2), east.max(axis=1), peaks[per::per, per::per]])
 
 
 def _join_four(values: Floats) -> Floats:
