@@ -30,6 +30,7 @@ Ints = npt.NDArray[np.int64]
 
 # What a run of tiles is drawn by: the strips of one of the six sectors, or
 CELLS, BLOCKS, INDEXED = 6, 7, 8
+MAX_RUN_VERTICES = 1 << 28  # the shader divides vertex numbers exactly up to 2^30
 _ROWS = np.array([True, False, True, True, False, True, False, False])  # patterns that are strips along rows
 
 
@@ -97,7 +98,8 @@ def order_runs(foot: Foot, tiles: Tiles, grid: TileGrid, cells_only: bool = Fals
     sector = classify_tiles(foot, tiles.row * size, tiles.col * size, size)
     pattern = np.where((sector == STRADDLING) | cells_only, CELLS, sector)
     pattern = np.where(tiles.edges != 0, BLOCKS, pattern)
-    same = np.stack([rank - np.arange(len(rank)), pattern, tiles.level, tiles.edges])
+    part = rank // max(MAX_RUN_VERTICES // (6 * size * size), 1)
+    same = np.stack([rank - np.arange(len(rank)), pattern, tiles.level, tiles.edges, part])
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(same, axis=1) != 0).any(0)])) if len(rank) else order
     count = np.diff(np.append(starts, len(rank)))
     pattern, cells = pattern[starts], np.int64(size) >> tiles.level[starts]

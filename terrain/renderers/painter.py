@@ -4,6 +4,12 @@ Four paths, switchable: *procedural* draws runs of tiles as strips whose order t
 number; *cells* does so triangle by triangle with the general rule, without sectors; *indexed* is the paper's, one call
 per tile from index buffers, orders of straddling tiles uploaded as needed; *shuffled* is its experiment with indices in
 random order.
+
+Source: Alonso and Joan-Arinyo, sections 5, 6.1 and 8.
+
+Deviations: heights come from one texture instead of a vertex buffer per tile. Depth is written, with a test that always
+passes, so that sky, boxes and flight paths are hidden properly. A frozen selection keeps its order and is drawn with a
+depth test, so that one can watch it from elsewhere (figure 13).
 """
 
 from __future__ import annotations

@@ -81,6 +81,14 @@ def test_the_general_rule_draws_the_whole_terrain_in_one_call():
     assert runs.vertices.tolist() == [6 * 256 * 512]
 
 
+def test_runs_end_before_vertex_numbers_outgrow_the_shaders_division():
+    grid = TileGrid((16384, 16384), 5)
+    runs = order_runs(foot_at(100.2, 33.3), all_tiles(grid), grid, cells_only=True)
+    assert runs.vertices.max() <= 1 << 28
+    assert runs.vertices.sum() == 6 * 16384 * 16384
+    assert len(runs.run) == 7
+
+
 def test_strips_need_a_call_where_the_sector_changes_in_a_row_of_tiles():
     grid = TileGrid((256, 512), 5)
     runs = order_runs(foot_at(100.2, 33.3), all_tiles(grid), grid)
