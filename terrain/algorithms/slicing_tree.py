@@ -9,6 +9,7 @@ at most this height. (The pyramid's errors do not tell: a ridge along posts of a
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -99,9 +100,9 @@ def build_slice_tree(scene: Scene) -> SliceTree:
     pyramid = scene.pyramid
     levels = range(BASE_LEVEL, pyramid.top_level + 1)
     shapes = [pyramid.node_shape(level) for level in levels]
-    peaks = [
-        np.stack([_peaks(scene.heightfield.heights_m, 1 << k, *shapes[0]) for k in range(CHORDS)], axis=-1)
-    ]  # fmt: skip
+    with ThreadPoolExecutor() as pool:  # numpy releases the GIL
+        chords = list(pool.map(lambda k: _peaks(scene.heightfield.heights_m, 1 << k, *shapes[0]), range(CHORDS)))
+    peaks = [np.stack(chords, axis=-1)]
     np.maximum.accumulate(peaks[0], axis=-1, out=peaks[0])  # a longer chord passes over whatever a shorter one does
     for _ in levels[1:]:
         peaks.append(_join_four(peaks[-1]))
