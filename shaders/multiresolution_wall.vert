@@ -7,7 +7,7 @@ in vec4 in_corner;  // xy: post (col, row); z: height [m]; w: 1 on the upper edg
 uniform int u_stride;
 
 // The edges of the patches run past corners of the wall: a little overlap [px] leaves no pixel between.
-const float OVERLAP = 0.02;
+const float OVERLAP = 0.05;
 
 void main() {
     vec2 post = in_corner.xy * float(u_stride);

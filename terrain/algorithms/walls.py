@@ -154,9 +154,9 @@ def _side_walls(
     flat = owner * (size + 1) + place
     where = np.stack([col.ravel()[flat], row.ravel()[flat]], axis=1)
     ours, others = ours.ravel()[flat], others.ravel()[flat]
-    least = rtin.ladder.exact_m
-    outwards = starts[(ours[starts] > others[starts] + least) | (ours[ends] > others[ends] + least)]
-    inwards = starts[(others[starts] > ours[starts] + least) | (others[ends] > ours[ends] + least)]
+    # Even the smallest difference gets its wall: without, a pixel could fall between two edges.
+    outwards = starts[(ours[starts] > others[starts]) | (ours[ends] > others[ends])]
+    inwards = starts[(others[starts] > ours[starts]) | (others[ends] > ours[ends])]
     return np.concatenate([
         _quads(where, outwards, outwards + 1, ours, others), _quads(where, inwards + 1, inwards, others, ours)
     ])  # fmt: skip
