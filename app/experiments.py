@@ -28,7 +28,7 @@ from terrain.renderers import RENDERERS
 if TYPE_CHECKING:
     from app.session import Session
 
-BUDGET_S = 0.015  # of every frame, for a task: the window stays above half its pace
+BUDGET_S, STILL_BUDGET_S = 0.015, 0.1  # of every frame, for a task: while one flies, and while nothing moves
 TOLERANCES_PX = (1.0, 4.0, 2.0, 0.5, 8.0)  # in an order that shows the shape of the curve early
 FRAMES_RANGE = (4, 60)
 FAIR_FRAMES = 3
@@ -105,7 +105,7 @@ class Experiments:
         return self.is_busy or (self._session.shows_laboratory and self._measured_key != self._key)
 
     def work(self) -> None:
-        """Run steps of the task until `BUDGET_S` is over; without a task measure the picture now and then."""
+        """Run steps of the task until its time is over; without a task measure the picture now and then."""
         stage, begin_s = self._session.stage, time.perf_counter()
         if self._task is None:
             if self.wants_work and begin_s >= self._pause_until_s:
@@ -114,7 +114,8 @@ class Experiments:
         frozen, stage.frozen = stage.frozen, None  # others must choose for the views they are measured on
         try:
             self.share = next(self._task)
-            while time.perf_counter() - begin_s < BUDGET_S:
+            budget_s = STILL_BUDGET_S if self._session.is_still else BUDGET_S
+            while time.perf_counter() - begin_s < budget_s:
                 self.share = next(self._task)
         except StopIteration:
             self._task, self.doing = None, ""

@@ -16,7 +16,7 @@ from imgui_bundle import imgui, imgui_ctx
 
 from app.keys import FAST, HELD, MOUSE_HELP, bindings
 from app.session import Session
-from app.workbench import draw_laboratory
+from app.workbench import draw_laboratory, laboratory_width
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
@@ -240,12 +240,13 @@ def _draw_status(session: Session) -> None:
         return
     em, size = imgui.get_font_size(), imgui.get_io().display_size
     left = _free_left(session) + MARGIN_EM * em
+    right = size.x - laboratory_width(session) - MARGIN_EM * em
     imgui.set_next_window_pos((left, size.y - MARGIN_EM * em), 0, (0.0, 1.0))
-    imgui.set_next_window_size_constraints((0.0, 0.0), (max(size.x - left - MARGIN_EM * em, 1.0), size.y))
+    imgui.set_next_window_size_constraints((0.0, 0.0), (max(right - left, 1.0), size.y))
     imgui.set_next_window_bg_alpha(0.75)
     flags = _OVERLAY | imgui.WindowFlags_.no_inputs | imgui.WindowFlags_.no_focus_on_appearing
     with imgui_ctx.begin("Status", None, flags):
-        imgui.push_text_wrap_pos(max(size.x - left - 2 * em, 1.0))
+        imgui.push_text_wrap_pos(max(right - left - em, 1.0))
         imgui.text_unformatted("  ".join(lines))
         imgui.pop_text_wrap_pos()
 

@@ -21,6 +21,7 @@ from terrain.renderers import RENDERERS
 
 WIDTH_EM, LABEL_EM, CHART_EM, MARGIN_EM = 25.0, 7.0, 14.5, 0.6
 CLICK_PX = 12.0  # how near to a point of the chart a click must be
+SMALLEST_PX = 0.01  # less is drawn there: nobody sees it
 WANTED_PX, WANTED_MS = (0.25, 16.0), (1.0, 200.0)
 GOOD, BAD, FAINT, INK = (0.35, 0.75, 0.45, 1.0), (0.95, 0.45, 0.15, 1.0), (0.6, 0.6, 0.6, 1.0), (1.0, 1.0, 1.0, 1.0)
 _FIXED = (
@@ -49,6 +50,11 @@ def draw_laboratory(session: Session) -> None:
                 draw(session)
 
 
+def laboratory_width(session: Session) -> float:
+    """How much of the window's right side the laboratory covers [px]."""
+    return (WIDTH_EM + MARGIN_EM) * imgui.get_font_size() if session.shows_laboratory else 0.0
+
+
 def _draw_promise(session: Session) -> None:
     """A gauge: the largest error behind the delivered one, and the promise as a line across."""
     found = session.experiments.delivered
@@ -72,7 +78,7 @@ def _draw_promise(session: Session) -> None:
     draw.add_line((at, y - 0.15 * em), (at, y + height + 0.15 * em), _packed(INK), 2.0)
     imgui.dummy((width, height))
     imgui.set_item_tooltip("Full colour: 99.9 % of the pixels err by less; faint: the worst; line: the tolerance.")
-    imgui.text_disabled(f"99.9 % below {found.p999_px:.3g} px, worst {found.max_px:.3g} px, {found.frame_ms:.1f} ms")
+    imgui.text_disabled(f"99.9 % below {found.p999_px:.3f} px, worst {found.max_px:.3f} px, {found.frame_ms:.1f} ms")
 
 
 def _draw_chart(session: Session) -> None:
@@ -319,8 +325,7 @@ def _draw_divider(session: Session) -> None:
     imgui.pop_style_var(2)
     draw = imgui.get_background_draw_list()
     draw.add_line((at, 0.0), (at, size.y), _packed(INK), 2.0)
-    sides = (f"A  {_short(session.algorithm)} {session.settings.tolerance_px:g} px",
-             f"B  {_short(other.algorithm)} {other.settings.tolerance_px:g} px")  # fmt: skip
+    sides = f"A  {_drawn_by(session.algorithm, session.settings)}", f"B  {_drawn_by(other.algorithm, other.settings)}"
     for text, is_left in zip(sides, (True, False), strict=True):
         extent = imgui.calc_text_size(text)
         x, y = (at - extent.x - em if is_left else at + em), 0.6 * em
@@ -339,10 +344,16 @@ _SECTIONS: tuple[tuple[str, Callable[[Session], None], bool], ...] = (
 
 
 def colour_of(algorithm: str) -> tuple[float, float, float, float]:
-    """The algorithm's colour of the charts, light enough for a dark panel."""
+    """The algorithm's colour of the charts, light enough for a dark panel; the reference's black becomes grey."""
+    if algorithm == "reference":
+        return FAINT
     text = style(algorithm)[0].lstrip("#")
     red, green, blue = (0.3 + 0.7 * int(text[i : i + 2], 16) / 255 for i in (0, 2, 4))
     return red, green, blue, 1.0
+
+
+def _drawn_by(algorithm: str, settings: Any) -> str:
+    return _short(algorithm) + ("" if algorithm == "reference" else f" {settings.tolerance_px:.3g} px")
 
 
 def _short(algorithm: str) -> str:
@@ -373,7 +384,7 @@ def _button(title: str, told: str, act: Callable[[], None]) -> None:
 
 def _shown(ms: float, px: float) -> tuple[float, float]:
     """A point as the chart shows it: no logarithm of nothing."""
-    return max(ms, 1e-2), max(px, 1e-3)
+    return max(ms, 1e-2), max(px, SMALLEST_PX)
 
 
 def _limits(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -121,7 +121,8 @@ def test_measure_sweeps_in_slices_and_the_points_are_saved(ui, tmp_path):
 
 def test_cancel_keeps_what_is_done(ui, monkeypatch):
     lab = ui.session.experiments
-    monkeypatch.setattr("app.experiments.BUDGET_S", 0.0)
+    for name in ("BUDGET_S", "STILL_BUDGET_S"):
+        monkeypatch.setattr(f"app.experiments.{name}", 0.0)
 
     def steps(ctx):
         ctx.set_ref(LABORATORY)
@@ -365,6 +366,18 @@ def test_exaggeration_forgets_what_was_measured(ui):
     ui.session.exaggerate(2.0)
     assert ui.session.experiments.runs == []
     ui.frame()
+
+
+def test_the_status_line_stays_between_the_panels(ui):
+    ui.session.say("a long line " * 40)
+
+    def steps(ctx):
+        ctx.yield_(3)
+        status, laboratory = (ctx.window_info(name).window for name in ("//Status", LABORATORY))
+        assert status.size.y > 40.0
+        assert status.pos.x + status.size.x <= laboratory.pos.x
+
+    ui.run(steps)
 
 
 def test_no_widget_of_the_laboratory_leaves_its_panel(ui):
