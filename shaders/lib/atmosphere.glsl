@@ -9,16 +9,19 @@ vec3 sky_colour(vec3 ray) {
 }
 
 #ifdef FOG
-// Haze between the eye and a point: the integral of a density that falls off exponentially with height, which is
-// distance * (density_eye - density_point) / (falloff * rise). Its colour is that of the sky at the horizon.
+// Haze between the eye and a point, of the colour of the sky at the horizon. It costs a software rasteriser as much as
+// all other shading, so it is one exponential: the same at every height, unless the look asks for more.
 vec3 apply_fog(vec3 colour, vec3 position_m) {
     float distance_m = length(position_m);
+#ifdef HEIGHT_FOG
+    // The integral of a density that falls off exponentially with height:
+    // distance * (density_eye - density_point) / (falloff * rise).
     float x = u_fog.z * position_m.y;
     float at_point = u_fog.x * exp(-u_fog.z * max(height_of(position_m.y) - u_fog.y, 0.0));
-    float mean = abs(x) < 1e-2 ? 0.5 * (u_fog.w + at_point) : (u_fog.w - at_point) / x;
-    float clear = exp(-distance_m * max(mean, 0.0));
-    float towards_sun = max(dot(position_m, u_sun.xyz) / distance_m, 0.0);
-    vec3 haze = u_horizon.rgb + u_sunlight.rgb * (0.05 * towards_sun * towards_sun * towards_sun);
-    return mix(haze, colour, clear);
+    float density = abs(x) < 1e-2 ? 0.5 * (u_fog.w + at_point) : (u_fog.w - at_point) / x;
+    return mix(u_horizon.rgb, colour, exp(-distance_m * max(density, 0.0)));
+#else
+    return mix(u_horizon.rgb, colour, exp(-distance_m * u_fog.x));
+#endif
 }
 #endif

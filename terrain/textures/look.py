@@ -34,13 +34,13 @@ class LookSettings:
     sun_elevation_deg: float = setting(
         34.0, "Sun elevation", "Height of the sun above the horizon.", unit="deg", range=(0.0, 90.0)
     )
-    fog: bool = setting(True, "Haze", "Air that takes colour from what is far and low.")
+    fog: bool = setting(True, "Haze", "Air that takes colour from what is far.")
     visibility_km: float = setting(
         0.0, "Visibility", "Distance at which haze has nearly hidden the ground; 0 adapts it to the terrain.",
         unit="km", range=(0.0, 500.0),
     )  # fmt: skip
     fog_height_m: float = setting(
-        0.0, "Haze height", "Height over which haze thins out; 0 adapts it to the relief.",
+        0.0, "Haze height", "Height over which haze thins out; 0 keeps it the same at every height.",
         unit="m", range=(0.0, 5000.0),
     )  # fmt: skip
     contours: bool = setting(False, "Contour lines", "Lines of equal height; every fifth is bold.")
@@ -71,7 +71,12 @@ def automatic_interval_m(relief_m: float) -> float:
 
 def shading_defines(look: LookSettings, drape: DrapeImage | None) -> dict[str, Any]:
     """Compile-time switches of the shading include."""
-    switches = {"FOG": look.fog, "CONTOURS": look.contours, "DRAPE": drape is not None and look.drape_opacity > 0.0}
+    switches = {
+        "FOG": look.fog,
+        "HEIGHT_FOG": look.fog and look.fog_height_m > 0.0,
+        "CONTOURS": look.contours,
+        "DRAPE": drape is not None and look.drape_opacity > 0.0,
+    }
     return {name: 1 for name, on in switches.items() if on}
 
 
@@ -81,8 +86,7 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield, drape: DrapeImag
     relief_m = max(high - low, 1.0)
     sunlight, sky_light, zenith, horizon, haze = _sky_colours(look.sun_elevation_deg)
     visibility_m = 1e3 * look.visibility_km or 1.6 * math.hypot(*heightfield.extent_m)
-    thin_m = max(0.6 * relief_m, 0.01 * math.hypot(*heightfield.extent_m))
-    fog_height_m = look.fog_height_m * heightfield.exaggeration or thin_m
+    fog_height_m = max(look.fog_height_m, 1.0) * heightfield.exaggeration
     interval_m = look.contour_interval_m or automatic_interval_m(relief_m / heightfield.exaggeration)
     across = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
     if drape is not None:

@@ -99,6 +99,7 @@ def test_automatic_contours_are_round_and_neither_few_nor_many(relief_m):
 def test_what_is_off_is_not_compiled():
     assert shading_defines(replace(CLEAR, contours=False), None) == {}
     assert shading_defines(LookSettings(fog=True, contours=True), None) == {"FOG": 1, "CONTOURS": 1}
+    assert shading_defines(LookSettings(fog_height_m=300.0), None) == {"FOG": 1, "HEIGHT_FOG": 1}
 
 
 def test_a_slope_is_brighter_with_the_sun_on_it(staged):
@@ -174,6 +175,19 @@ def test_fog_takes_more_of_what_is_far(staged):
     hazy = stage.render(camera, SIZE_PX).astype(int)
     change = np.abs(hazy - clear).sum(axis=-1)[:, 80]
     assert change[45] > change[115] + 30  # towards the horizon, at the foot of the picture
+
+
+def test_haze_with_a_height_lies_in_the_valleys(staged):
+    row, _ = np.mgrid[:129, :129]
+    stage = staged(field(np.where(row < 64, 2000.0, 0.0), 1000.0))
+    low, high = Camera((64_000.0, 300.0, 128_000.0), 0.0, -3.0), Camera((64_000.0, 2300.0, 62_000.0), 0.0, -3.0)
+    changes = []
+    for camera in (low, high):
+        stage.set_look(CLEAR)
+        clear = stage.render(camera, SIZE_PX).astype(int)
+        stage.set_look(LookSettings(visibility_km=200.0, fog_height_m=300.0))
+        changes.append(np.abs(stage.render(camera, SIZE_PX).astype(int) - clear)[100].mean())
+    assert changes[0] > 2 * changes[1]
 
 
 def image(path, size=(8, 8)):

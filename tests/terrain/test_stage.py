@@ -111,7 +111,8 @@ def test_logarithmic_depth_gives_the_picture_of_reversed_z(gpu, view):
     if view == "shaded":
         assert difference.max() <= 1
     else:
-        assert (difference > 40).mean() < 0.05  # lines are biased by other means
+        # Lines are biased by other means, and stand out more where less haze lies over them.
+        assert (difference > 64).mean() < 0.05
     assert np.array_equal(np.isnan(worlds[0]), np.isnan(worlds[1]))
     assert np.nanmax(np.abs(worlds[0] - worlds[1])) < 1e-3
 
