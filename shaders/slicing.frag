@@ -40,7 +40,8 @@ void main() {
     }
 #ifdef HOLES
     vec3 met = v_position_m * surface_at(v_position_m, entry, 0.0, 0.0);
-    if (textureLod(u_ground, (u_eye_post.xy + posts_from_eye(met) + 0.5) / u_grid.xy, 0.0).a < 0.5) discard;
+    float level = log2(max(pixel / min(u_grid.z, u_grid.w), 1.0));
+    if (textureLod(u_ground, (u_eye_post.xy + posts_from_eye(met) + 0.5) / u_grid.xy, level).a < 0.5) discard;
 #endif
 #endif
     out_slice = v_slice + 1u;
