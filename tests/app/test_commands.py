@@ -52,6 +52,18 @@ def test_render_writes_one_picture(tmp_path, capsys):
     assert "a.png" in capsys.readouterr().out
 
 
+def test_the_error_view_of_the_reference_is_white():
+    options = ["render", "waves:33", "--at", 0, *SMALL, "--view", "error"]
+    assert run(*options, "--algorithm", "reference", "--out", "none.png") == 0
+    assert run(*options, "--algorithm", "geomorph", "--tolerance", 16, "--out", "some.png") == 0
+    with Image.open("none.png") as none, Image.open("some.png") as some:
+        without, with_error = np.asarray(none).astype(int), np.asarray(some).astype(int)
+    ground = without.min(axis=-1) > 200
+    assert ground.mean() > 0.2
+    assert set(map(tuple, without[~ground])) <= {(23, 26, 31)}
+    assert np.abs(with_error - without)[ground].max() > 10
+
+
 def test_render_writes_frames_and_films():
     assert run("render", "waves:33", "--frames", 3, *SMALL, "--out", "frames") == 0
     assert run("render", "waves:33", "--frames", 3, *SMALL, "--out", "a.mp4") == 0
@@ -60,7 +72,7 @@ def test_render_writes_frames_and_films():
 
 
 def test_positions_lie_on_the_surface_and_end_at_the_sky():
-    eye = ["--eye", "-40,60,-40", "--yaw", "135", "--pitch", "-20"]
+    eye = ["--eye", "-40,160,-40", "--yaw", "135", "--pitch", "-20"]
     assert run("render", "flat:33", *eye, *SMALL, "--positions", "p.npy", "--algorithm", "reference") == 0
     positions = np.load("p.npy")
     assert (positions.shape, positions.dtype) == ((36, 64, 3), np.float64)

@@ -83,7 +83,7 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
         press("r")
         xdo("keydown", "w", "sleep", 0.7, "keyup", "w")
         flown = changed(first, "the key W to fly")
-        xdo("mousedown", 1, "mousemove_relative", "--sync", 90, 0, "mouseup", 1)
+        xdo("mousedown", 1, "sleep", 0.3, "mousemove_relative", "--sync", 90, 0, "sleep", 0.3, "mouseup", 1)
         turned = changed(flown, "the mouse to turn the view")
         press("r")
         wait_for(lambda: list(tmp_path.glob("*.flight.json")) or None, "the recorded flight")
@@ -98,7 +98,8 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
         xdo("windowsize", "--sync", window, 800, 600)
         wait_for(lambda: picture().shape == (600, 800, 3), "a picture of the new size")
         xdo("windowminimize", window)
-        xdo("windowmap", window)
+        xdo("windowmap", "--sync", window)
+        xdo("windowfocus", "--sync", window)  # no window manager does it here
         assert viewer.poll() is None
         press("ctrl+q")
         viewer.wait(PATIENCE_S)

@@ -359,6 +359,17 @@ def test_frozen_selections_are_compared_too(session):
     assert b.target.read()[..., :3].std() > 1.0
 
 
+def test_a_task_that_fails_is_told_and_ends(ui, monkeypatch):
+    def fail(*args):
+        raise ValueError("too large")
+
+    monkeypatch.setattr("app.experiments.measure_waste", fail)
+    ui.session.experiments.meter_waste()
+    ui.frame()
+    assert not ui.session.experiments.is_busy
+    assert "too large" in ui.session.message
+
+
 def test_exaggeration_forgets_what_was_measured(ui):
     with_runs(ui.session)
     ui.session.compare("split")
