@@ -38,6 +38,7 @@ WINDOW_PX = 5  # corners are averaged over so many pixels each way: a triangle o
 BATCH_SHARE = 0.5  # of the triangles that are too coarse, the worst are mended first
 NUDGE_M = 1e-3  # to ask how much a metre of height counts on the screen
 ROUNDS = 60
+LEAST_ERROR_PX = 0.25  # a picture needs no more: nobody sees less
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Waste:
     error_px : float
         What 99.9 % of the pixels err by at most.
     needed : int
-        Triangles of a greedy approximation of the visible surface with that error.
+        Triangles of a greedy approximation of the visible surface with that error, or `LEAST_ERROR_PX` if it is less.
     """
 
     triangles: int
@@ -103,7 +104,7 @@ def measure_waste(
     yield
     points_m, weight = visible_points(stage, meter, renderer, camera)
     error_px = pool.percentile(99.9)
-    needed = yield from greedy_triangles(points_m, weight, error_px)
+    needed = yield from greedy_triangles(points_m, weight, max(error_px, LEAST_ERROR_PX))
     return Waste(triangles, int(covered.sum()), share, *overdraw, ray_steps, slices, error_px, needed)
 
 
