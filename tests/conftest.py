@@ -40,7 +40,8 @@ def _session_gpu():
 @pytest.fixture
 def gpu(_session_gpu):
     """One off-screen GPU for the whole run; a GL error before or after a test fails it."""
-    assert _session_gpu.ctx.error == "GL_NO_ERROR"
-    _session_gpu.prepare_state()
-    yield _session_gpu
-    assert _session_gpu.ctx.error == "GL_NO_ERROR"
+    with _session_gpu.ctx:  # commands under test make contexts of their own, which then are current
+        assert _session_gpu.ctx.error == "GL_NO_ERROR"
+        _session_gpu.prepare_state()
+        yield _session_gpu
+        assert _session_gpu.ctx.error == "GL_NO_ERROR"

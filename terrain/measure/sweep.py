@@ -148,7 +148,7 @@ class Sweep:
                     time_s, camera = self.views[i]
                     for renderer, cost in zip(renderers, trial, strict=True):
                         cost.overdraw.append(measure_overdraw(self.stage, renderer, camera, time_s, self.size_px))
-                        yield 0
+                        yield 1
         finally:
             for renderer in renderers:
                 renderer.release()

@@ -33,8 +33,9 @@ def hills():
 def session(app_gpu, hills, tmp_path):
     algorithm = default_algorithm()
     drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", None, 1.0)
-    session = Session(app_gpu, hills, drawing, folder=tmp_path)
-    session.draw((64, 36))
-    yield session
-    session.close()
-    assert app_gpu.ctx.error == "GL_NO_ERROR"
+    with app_gpu.ctx:  # commands under test make contexts of their own, which then are current
+        session = Session(app_gpu, hills, drawing, folder=tmp_path)
+        session.draw((64, 36))
+        yield session
+        session.close()
+        assert app_gpu.ctx.error == "GL_NO_ERROR"

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from terrain.gpu.context import create_offscreen_gpu
 from terrain.measure import reproduce_painter
 from terrain.measure.reproduce import format_table, write_reproduction
 from terrain.measure.reproduce_painter import PAPER, PAPER_RANDOMNESS, Plan, benchmark_terrain, compare_modes, measure
 from terrain.renderers.painter import PainterRenderer
-
-
-@pytest.fixture(scope="module")
-def gpu():
-    gpu = create_offscreen_gpu()
-    yield gpu
-    gpu.release()
 
 
 @pytest.fixture(autouse=True)

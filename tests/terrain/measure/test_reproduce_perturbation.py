@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain.gpu.context import create_offscreen_gpu
 from terrain.measure import reproduce_perturbation as table1
 
 
@@ -18,11 +17,9 @@ def small(tmp_path, monkeypatch):
     monkeypatch.setattr(table1, "REPEATS", 1)
 
 
-def test_every_resolution_is_measured_in_every_way(small, tmp_path):
-    gpu = create_offscreen_gpu()
+def test_every_resolution_is_measured_in_every_way(gpu, small, tmp_path):
     shares = []
     found = table1.reproduce(gpu, tmp_path, lambda share, doing: shares.append(share))
-    gpu.release()
     (table,) = found.tables
     assert [row[0] for row in table.rows] == ["32x32", "64x64"]
     for row in table.rows:

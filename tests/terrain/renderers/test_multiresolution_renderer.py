@@ -11,7 +11,7 @@ import pytest
 from scipy.ndimage import minimum_filter
 
 from terrain.camera import Camera
-from terrain.gpu.context import GL_CLIP_DISTANCE0, create_offscreen_gpu
+from terrain.gpu.context import GL_CLIP_DISTANCE0
 from terrain.heightfield import Heightfield
 from terrain.renderers.multiresolution import MultiresolutionRenderer, MultiresolutionSettings
 from terrain.scene import open_scene
@@ -32,13 +32,6 @@ def cliffs() -> Heightfield:
     heights[30:60, 20:75] = 80.0
     heights[64:70, 40:90] = 25.0
     return Heightfield(heights, (10.0, 10.0))
-
-
-@pytest.fixture(scope="module")
-def gpu():
-    gpu = create_offscreen_gpu()
-    yield gpu
-    gpu.release()
 
 
 @pytest.fixture(autouse=True)

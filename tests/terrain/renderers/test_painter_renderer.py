@@ -18,7 +18,6 @@ from terrain.algorithms.painter_levels import order_blocks, tile_edges
 from terrain.algorithms.painter_tiles import CELLS, TileGrid, Tiles, order_runs
 from terrain.camera import Camera
 from terrain.frame import Frame
-from terrain.gpu.context import create_offscreen_gpu
 from terrain.gpu.frame_block import FrameBlock, Look
 from terrain.gpu.programs import FRAME_BINDING, SHADERS, UNITS, flatten
 from terrain.gpu.targets import create_target
@@ -63,13 +62,6 @@ def cameras(terrain: Heightfield, count: int, seed: int) -> Iterator[Camera]:
 
 def differing(a: np.ndarray, b: np.ndarray) -> int:
     return int((np.abs(a.astype(int) - b.astype(int)).max(-1) > 1).sum())
-
-
-@pytest.fixture(scope="module")
-def gpu():
-    gpu = create_offscreen_gpu()
-    yield gpu
-    gpu.release()
 
 
 @pytest.fixture(autouse=True)

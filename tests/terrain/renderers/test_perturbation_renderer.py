@@ -10,7 +10,7 @@ from scipy.ndimage import minimum_filter
 from terrain.algorithms.perturbation import build_bounds
 from terrain.algorithms.perturbation_cast import cast_rays
 from terrain.camera import Camera
-from terrain.gpu.context import Gpu, create_offscreen_context, create_offscreen_gpu
+from terrain.gpu.context import Gpu, create_offscreen_context
 from terrain.heightfield import Heightfield
 from terrain.planes import BasePlane, place_plane
 from terrain.renderers.perturbation import PerturbationRenderer, PerturbationSettings
@@ -19,14 +19,6 @@ from terrain.stage import Stage
 
 SIZE = (161, 101)  # odd: a ray along the sight line itself
 EXACT = {"detail": False}
-
-
-@pytest.fixture(scope="module")
-def gpu():
-    gpu = create_offscreen_gpu()
-    yield gpu
-    assert gpu.ctx.error == "GL_NO_ERROR"
-    gpu.release()
 
 
 @pytest.fixture(autouse=True)
