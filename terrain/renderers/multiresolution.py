@@ -40,8 +40,10 @@ class MultiresolutionSettings(base.Settings):
     horizon: bool = setting(True, "Horizon culling", "Drop patches hidden behind nearer ground.")
     walls: bool = setting(True, "Walls", "Close the gaps between patches of different error or size.")
     tins: int = setting(
-        2, "TINs per resting frame", "Microstructures triangulated in each frame while the camera rests.", range=(0, 16)
-    )
+        0, "TINs per resting frame",
+        "Microstructures triangulated in each frame while the camera rests; 0 keeps what is drawn the same.",
+        range=(0, 16),
+    )  # fmt: skip
     preview: bool = setting(
         False, "Preview", "Show every fourth post while the tree of a new terrain is built, instead of waiting for it.",
         rebuild=True,
