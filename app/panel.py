@@ -44,10 +44,11 @@ class Panel:
         """The panel, the status line and the help of one frame."""
         if session.shows_panel:
             self._draw_panel(session)
-        draw_laboratory(session)
         _draw_status(session)
         if session.shows_help:
             _draw_help(session)
+        else:
+            draw_laboratory(session)  # there is no room for both
 
     def _draw_panel(self, session: Session) -> None:
         em, size = imgui.get_font_size(), imgui.get_io().display_size

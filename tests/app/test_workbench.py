@@ -64,6 +64,17 @@ def test_key_and_button_show_and_hide_the_laboratory(ui):
     ui.run(steps)
 
 
+def test_help_takes_the_place_of_the_laboratory(ui):
+    def steps(ctx):
+        for helps in (True, False):
+            ctx.key_press(imgui.Key.h)
+            ctx.yield_(2)
+            shown = [window.name for window in imgui.get_current_context().windows if window.active]
+            assert ("Help" in shown, "Laboratory" in shown) == (helps, not helps)
+
+    ui.run(steps)
+
+
 def test_the_gauge_shows_what_the_picture_delivers(ui):
     found = ui.session.experiments.delivered
     assert found is not None
