@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
 
 from terrain.camera import Camera
 from terrain.flight.path import Flight, Keyframe, make_flight
@@ -55,7 +54,8 @@ def demo_flight(heightfield: Heightfield) -> Flight:
     x, z = _at_distance(way, passed / passed[-1] * length_m).T
     ground = heightfield.heights_at(x, z)
     # High up the eye does not follow every hump: it keeps above what lies a second before and behind.
-    envelope = ndimage.gaussian_filter1d(ndimage.maximum_filter1d(ground, 9, mode="nearest"), 3.0, mode="nearest")
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(ground, 4, mode="edge"), 9)
+    envelope = _smoothed(around.max(axis=1), 3.0)
     position = np.column_stack([x, np.zeros_like(x), z])
     smoothness = np.minimum(4.0 * height_share, 1.0)
     position[:, 1] = ground + smoothness * np.maximum(envelope - ground, 0.0) + eye_m + outlook_m * height_share
@@ -95,6 +95,8 @@ def _eased(share: Floats, values: tuple[float, ...]) -> Floats:
 
 def _valley_way(heightfield: Heightfield) -> tuple[Floats, Floats]:
     """The best valley towards the highest place: a polyline (n, 2) of x and z [m], and that place as x, y, z [m]."""
+    from scipy.sparse import csgraph  # 70 ms to import
+
     heights, x, z = _lattice(heightfield)
     holes = np.zeros(heights.shape, np.bool_)
     if heightfield.holes is not None:
@@ -117,7 +119,7 @@ def _valley_way(heightfield: Heightfield) -> tuple[Floats, Floats]:
     line = np.column_stack([x[np.array(nodes) % cols], z[np.array(nodes) // cols]])
     smooth = _at_distance(line, np.linspace(0.0, _length_m(line), 400))
     summit = np.array([x[top % cols], heights.flat[top], z[top // cols]])
-    return ndimage.gaussian_filter1d(smooth, 6.0, axis=0, mode="nearest"), summit
+    return np.column_stack([_smoothed(smooth[:, axis], 6.0) for axis in (0, 1)]), summit
 
 
 def _lattice(heightfield: Heightfield) -> tuple[Floats, Floats, Floats]:
@@ -134,8 +136,10 @@ def _lattice(heightfield: Heightfield) -> tuple[Floats, Floats, Floats]:
     return heights.astype(np.float64), shares[1] * width, shares[0] * depth
 
 
-def _graph(cost: Floats, x: Floats, z: Floats) -> sparse.csr_matrix:
-    """Edges between the eight neighbours of a lattice: length times mean cost."""
+def _graph(cost: Floats, x: Floats, z: Floats) -> Any:
+    """Edges between the eight neighbours of a lattice: length times mean cost, as a sparse matrix."""
+    from scipy import sparse
+
     index = np.arange(cost.size).reshape(cost.shape)
     every, lower, upper = slice(None), slice(None, -1), slice(1, None)
     rows, cols, weights = [], [], []
@@ -168,17 +172,17 @@ def _looking(
 ) -> list[Keyframe]:
     """Keyframes whose cameras look along the way and aside, and bank in curves."""
     forward = np.gradient(position[:, [0, 2]], axis=0)
-    along = ndimage.gaussian_filter1d(np.unwrap(np.arctan2(forward[:, 0], -forward[:, 1])), 3.0, mode="nearest")
+    along = _smoothed(np.unwrap(np.arctan2(forward[:, 0], -forward[:, 1])), 3.0)
     to_summit = np.arctan2(summit[0] - position[:, 0], position[:, 2] - summit[2])
     back = np.arctan2(start[0] - position[:, 0], position[:, 2] - start[1])
     is_end = times > times[-1] / 2.0
     turn = _wrapped(np.where(is_end, back, to_summit) - along)
     turn[is_end] = np.copysign(np.minimum(np.abs(turn[is_end]), math.radians(110.0)), turn[-1])
-    yaw = ndimage.gaussian_filter1d(along + aside * turn, 2.0, mode="nearest")
+    yaw = _smoothed(along + aside * turn, 2.0)
     pitch_deg = 2.0 - 13.0 * np.minimum(3.0 * height_share, 1.0)
-    pitch_deg = ndimage.gaussian_filter1d(pitch_deg, 2.0, mode="nearest")
+    pitch_deg = _smoothed(pitch_deg, 2.0)
     roll_deg = np.clip(0.3 * np.degrees(np.gradient(yaw, times)), -10.0, 10.0)
-    roll_deg = ndimage.gaussian_filter1d(roll_deg, 2.0, mode="nearest")
+    roll_deg = _smoothed(roll_deg, 2.0)
     return [
         Keyframe(float(t), Camera((float(x), float(y), float(z)), math.degrees(a), float(p), float(r)))
         for t, (x, y, z), a, p, r in zip(times, position, yaw, pitch_deg, roll_deg, strict=True)
@@ -189,6 +193,13 @@ def _looking_at(eye: Floats, target: Floats) -> Camera:
     x, y, z = target - eye
     yaw, pitch = math.atan2(x, -z), math.atan2(y, math.hypot(x, z))
     return Camera((float(eye[0]), float(eye[1]), float(eye[2])), math.degrees(yaw), math.degrees(pitch))
+
+
+def _smoothed(values: Floats, sigma: float) -> Floats:
+    """A sequence blurred by a Gaussian of ``sigma`` entries."""
+    reach = math.ceil(4.0 * sigma)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    return np.convolve(np.pad(values, reach, mode="edge"), weights / weights.sum(), mode="valid")
 
 
 def _wrapped(angle_rad: Floats) -> Floats:

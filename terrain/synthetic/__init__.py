@@ -1,45 +1,41 @@
 """The embedded scenes: deterministic, seeded, any size.
 
 A scene has a fixed extent, so that every size shows the same landscape at another resolution (what comparisons of
-resolutions need): the posts lie ``extent / (size - 1)`` apart.
+resolutions need): the posts lie ``extent / (size - 1)`` apart. Each module is imported when its scene is first made,
+because scipy takes longer to import than a terrain file takes to open.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from typing import NamedTuple
 
 from terrain.errors import InputError
 from terrain.heightfield import Heightfield
-from terrain.synthetic import analytic
-from terrain.synthetic.alps import EXTENT_M as ALPS_EXTENT_M
-from terrain.synthetic.alps import alps_heights
-from terrain.synthetic.noise import Grid
-from terrain.synthetic.slabs import EXTENT_M as SLABS_EXTENT_M
-from terrain.synthetic.slabs import slabs_heights
+
+MAX_POSTS = 32769
 
 
 class SyntheticScene(NamedTuple):
-    """A landscape: heights from ``(size, seed)``, its extent, and one line about it."""
+    """One line about a landscape, and its maker: a module with ``EXTENT_M`` and ``<stem>_heights(size, seed)``."""
 
-    heights: Callable[[int, int], Grid]
-    extent_m: float
     about: str
-
-
-def _analytic(heights: Callable[[int, int], Grid]) -> SyntheticScene:
-    return SyntheticScene(heights, analytic.EXTENT_M, (heights.__doc__ or "").splitlines()[0])
+    module: str
+    stem: str
 
 
 SCENES: dict[str, SyntheticScene] = {
-    "alps": SyntheticScene(alps_heights, ALPS_EXTENT_M, "Ridged mountains, eroded valleys, lakes: 30.7 km, to 4000 m."),
-    "planes": SyntheticScene(slabs_heights, SLABS_EXTENT_M, "Quiet hills; the ray caster adds a wall and a slab."),
-    "flat": _analytic(analytic.flat_heights),
-    "ramp": _analytic(analytic.ramp_heights),
-    "cone": _analytic(analytic.cone_heights),
-    "step": _analytic(analytic.step_heights),
-    "needle": _analytic(analytic.needle_heights),
-    "waves": _analytic(analytic.waves_heights),
+    "alps": SyntheticScene("Eroded mountains up to 4000 m, valleys and lakes; 30 km across.", "alps", "alps"),
+    "city": SyntheticScene("Streets, roofs and vertical walls on a river; 1 km across.", "city", "city"),
+    "plain": SyntheticScene("Fields and a meandering river, 30 m of relief; 4 km across.", "plain", "plain"),
+    "snake": SyntheticScene("A scaly snake on winding ridges, detail at every size; 2 km across.", "snake", "snake"),
+    "planes": SyntheticScene("Quiet hills; the ray caster adds a wall and a slab.", "slabs", "slabs"),
+    "flat": SyntheticScene("A level plane.", "analytic", "flat"),
+    "ramp": SyntheticScene("An inclined plane.", "analytic", "ramp"),
+    "cone": SyntheticScene("A cone on a plane.", "analytic", "cone"),
+    "step": SyntheticScene("A cliff one cell wide.", "analytic", "step"),
+    "needle": SyntheticScene("One high post in a plane.", "analytic", "needle"),
+    "waves": SyntheticScene("Smooth waves.", "analytic", "waves"),
 }
 
 
@@ -51,7 +47,7 @@ def make_scene(name: str, size: int = 1025, seed: int = 0) -> Heightfield:
     name : str
         One of `SCENES`.
     size : int
-        Posts along each side, 2 or more.
+        Posts along each side, 2 to `MAX_POSTS`.
     seed : int
         Another seed, another landscape, 0 or more; the analytic scenes have but one.
 
@@ -68,10 +64,12 @@ def make_scene(name: str, size: int = 1025, seed: int = 0) -> Heightfield:
     scene = SCENES.get(name)
     if scene is None:
         raise InputError(f"Expected a scene of {', '.join(SCENES)}, found {name!r}.")
-    if size < 2:
-        raise InputError(f"Expected a scene of 2 x 2 posts at least, found size {size}.")
+    if not 2 <= size <= MAX_POSTS:
+        raise InputError(f"Expected 2 to {MAX_POSTS} posts along each side, found {size}.")
     if seed < 0:
         raise InputError(f"Expected a seed of 0 or more, found {seed}.")
-    spacing_m = scene.extent_m / (size - 1)
+    module = import_module(f"terrain.synthetic.{scene.module}")
+    spacing_m = module.EXTENT_M / (size - 1)
+    heights = getattr(module, f"{scene.stem}_heights")(size, seed)
     note = f"Embedded scene, seed {seed}: {scene.about}"
-    return Heightfield(scene.heights(size, seed), (spacing_m, spacing_m), name=name, notes=(note,))
+    return Heightfield(heights, (spacing_m, spacing_m), name=name, notes=(note,))
