@@ -11,6 +11,15 @@ in float in_lam;      // lambda of the interior
 in vec4 in_edge_lam;  // lambda of the north, south, west and east edge
 uniform int u_cells;  // cells per side as drawn: 2^(t - L)
 
+// Height of a post of a tile; only tiles that reach past the grid have posts outside it.
+float tile_height(ivec2 post) {
+#ifdef CLIP_EDGES
+    return post_height(post);
+#else
+    return texelFetch(u_heights, post, 0).r;
+#endif
+}
+
 // Height of a post of level `level`, moved by `v` towards the surface of the next coarser level.
 float morphed_height(ivec2 post, int level, float v) {
     int size = 1 << level;
@@ -20,12 +29,14 @@ float morphed_height(ivec2 post, int level, float v) {
         ivec2 coarse = post >> (level + 1);  // a centre lies between the ends of its cell's diagonal
         if (!is_nw_se(coarse)) reach.y = -size;
     }
-    float middle = 0.5 * (post_height(post - reach) + post_height(post + reach)), own = post_height(post);
+    float middle = 0.5 * (tile_height(post - reach) + tile_height(post + reach)), own = tile_height(post);
     return own + v * (middle - own);  // not mix: posts that stay must keep their bits for every v
 }
 
 void main() {
-    ivec2 ij = ivec2(gl_VertexID % (u_cells + 1), gl_VertexID / (u_cells + 1));
+    // Division by a float is exact for the few posts of a tile, and integers divide slowly.
+    int row = int((float(gl_VertexID) + 0.5) / float(u_cells + 1));
+    ivec2 ij = ivec2(gl_VertexID - row * (u_cells + 1), row);
     int level = in_tile.w;
     ivec2 cell = in_tile.xy >> level;
     // A tile of a single cell may be one that is cut SW-NE: turn the mesh, whose first cell is cut NW-SE.
