@@ -73,7 +73,8 @@ class Frame:
 class FrameStats:
     """What one frame cost. Counts are exact; a figure that was not measured stays None.
 
-    ``frame_ms`` is the whole frame as measured by who presents it. ``extra`` holds figures of one algorithm only, keyed by a short label for the panel (``"tiles"``, ``"fans"`` ...).
+    ``frame_ms`` is the whole frame as measured by who presents it. ``extra`` holds figures of one algorithm only, keyed
+    by a short label for the panel (``"tiles"``, ``"fans"`` ...).
     """
 
     triangles: int = 0
