@@ -1,13 +1,12 @@
 #version 330 core
-// The sky behind the terrain: a gradient by elevation and the sun's disc.
+// The sky behind the terrain: a gradient by elevation from the vertex stage, and the sun's disc.
 #include "lib/frame.glsl"
-#include "lib/atmosphere.glsl"
 
-in vec2 v_screen;
+in vec3 v_ray;
+in vec3 v_colour;
 out vec4 out_colour;
 
 void main() {
-    vec3 ray = normalize(sight_ray(v_screen));
-    float disc = smoothstep(0.99988, 0.99992, dot(ray, u_sun.xyz)) * smoothstep(-0.01, 0.0, ray.y);
-    out_colour = vec4(sky_colour(ray) + disc * u_sunlight.rgb, 1.0);
+    float towards_sun = dot(v_ray, u_sun.xyz) * inversesqrt(dot(v_ray, v_ray));
+    out_colour = vec4(v_colour + smoothstep(0.99988, 0.99992, towards_sun) * u_sunlight.rgb, 1.0);
 }

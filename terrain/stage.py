@@ -31,6 +31,7 @@ from terrain.scene import Scene
 from terrain.textures.drape import DrapeImage
 from terrain.textures.ground import Ground
 from terrain.textures.look import LookSettings, look_uniforms, shading_defines
+from terrain.textures.sky import Sky
 from terrain.views import Overlays, View, overdraw_figures
 
 # Views of what a fragment writes; all others draw over the shaded picture.
@@ -75,7 +76,7 @@ class Stage:
         self._block = FrameBlock(gpu)
         self._ground = Ground(gpu, scene.heightfield)
         self._overlays = Overlays(gpu)
-        self._sky = Geometry(gpu, "fullscreen", "sky")
+        self._sky = Sky(gpu)
         self._water = Geometry(gpu, "fullscreen", "water")
         self._targets: dict[str, Target] = {}
         self._timer = None if gpu.is_software else GpuTimer(gpu.ctx)
@@ -244,7 +245,7 @@ class Stage:
         """Sky where nothing was drawn, then water over both."""
         ctx = self.gpu.ctx
         ctx.depth_func = ">="
-        self._sky.render("shaded", vertices=3)
+        self._sky.draw()
         ctx.depth_func = ">"
         if self.look.water:
             ctx.enable(moderngl.BLEND)

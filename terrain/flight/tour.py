@@ -46,7 +46,7 @@ def demo_flight(heightfield: Heightfield) -> Flight:
     height_share, aside = _eased(times / TOUR_S, _HEIGHT), _eased(times / TOUR_S, _ASIDE)
     low, high = heightfield.height_range_m
     size_m, eye_m = max(heightfield.extent_m), _eye_height_m(heightfield)
-    outlook_m = max(0.015 * size_m + min(0.24 * (high - low), 0.1 * size_m), 2.0 * eye_m)
+    outlook_m = max(0.015 * size_m + min(0.24 * (high - low), 0.1 * size_m), 0.045 * size_m, 2.0 * eye_m)
     way, summit = _valley_way(heightfield)
     speed = 0.04 + height_share**0.75  # as fast as suits the height above ground
     passed = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))]

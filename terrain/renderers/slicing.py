@@ -30,6 +30,7 @@ from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, SliceB
 from terrain.renderers.slicing_calibration import load_speeds
 from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
+from terrain.textures.sky import Sky
 
 TILE_LEVELS = (3, 4, 5)  # polygon boxes are drawn in tiles of 8, 16 and 32 cells, one draw call each
 SETTLED = 8  # frames a new viewport must stay before its speeds are measured
@@ -76,7 +77,7 @@ class SlicingRenderer:
         self._tiles = {level: _TileSet(gpu, level) for level in TILE_LEVELS}
         self._box_names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
         self._box_geometry = Geometry(gpu, "slicing_boxes", "slicing_figure", [(self._box_names, "1u /i", "in_slice")])
-        self._sky = Geometry(gpu, "fullscreen", "sky")
+        self._sky = Sky(gpu)
         self._speeds: dict[tuple[int, int], Speeds] = {}
         self._fresh = settings.recalibrate
         self._viewport_px, self._still = (0, 0), 0
@@ -142,7 +143,7 @@ class SlicingRenderer:
             bundles.draw(frame.output)
         elif self.settings.antialias and frame.output == "shaded":
             self._gpu.ctx.depth_func = ">="
-            self._sky.render("shaded", vertices=3)  # soft edges need it behind them
+            self._sky.draw()  # soft edges need it behind them
             self._gpu.ctx.depth_func = ">"
             bundles.draw_antialiased(frame.output, paper)
         else:
