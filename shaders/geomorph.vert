@@ -11,27 +11,7 @@ in float in_lam;      // lambda of the interior
 in vec4 in_edge_lam;  // lambda of the north, south, west and east edge
 uniform int u_cells;  // cells per side as drawn: 2^(t - L)
 
-// Height of a post of a tile; only tiles that reach past the grid have posts outside it.
-float tile_height(ivec2 post) {
-#ifdef CLIP_EDGES
-    return post_height(post);
-#else
-    return texelFetch(u_heights, post, 0).r;
-#endif
-}
-
-// Height of a post of level `level`, moved by `v` towards the surface of the next coarser level.
-float morphed_height(ivec2 post, int level, float v) {
-    int size = 1 << level;
-    ivec2 odd = (post >> level) & 1;
-    ivec2 reach = odd * size;  // an edge midpoint lies between the ends of its edge
-    if (odd.x == 1 && odd.y == 1) {
-        ivec2 coarse = post >> (level + 1);  // a centre lies between the ends of its cell's diagonal
-        if (!is_nw_se(coarse)) reach.y = -size;
-    }
-    float middle = 0.5 * (tile_height(post - reach) + tile_height(post + reach)), own = tile_height(post);
-    return own + v * (middle - own);  // not mix: posts that stay must keep their bits for every v
-}
+uniform sampler2D u_morph;  // RG32F: height of each post, and the height it is morphed to, at the one level that can
 
 void main() {
     // Division by a float is exact for the few posts of a tile, and integers divide slowly.
@@ -55,5 +35,9 @@ void main() {
         else post.y = (post.y >> level) << level;
         if ((north || south) && (west || east)) v = 0.0;
     }
-    emit_surface(position_of(vec2(post), morphed_height(post, level, v)), vec2(post), in_lam);
+    vec2 height_m = texelFetch(u_morph, post, 0).rg;
+    ivec2 odd = (post >> level) & 1;
+    float share = (odd.x | odd.y) == 0 ? 0.0 : v;  // posts of the next level stay
+    // Not mix: posts that stay must keep their bits for every v.
+    emit_surface(position_of(vec2(post), height_m.x + share * (height_m.y - height_m.x)), vec2(post), in_lam);
 }

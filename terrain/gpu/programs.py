@@ -22,7 +22,7 @@ UNITS = {
     name: unit
     for unit, name in enumerate(
         ("u_heights", "u_ground", "u_drape", "u_palette", "u_source", "u_previous", "u_packed", "u_pyramid", "u_layers",
-         "u_extra0", "u_extra1", "u_extra2", "u_extra3", "u_coarse", "u_visibility")
+         "u_extra0", "u_extra1", "u_extra2", "u_extra3", "u_coarse", "u_visibility", "u_morph")
     )
 }  # fmt: skip
 

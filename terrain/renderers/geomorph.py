@@ -10,10 +10,11 @@ import moderngl
 import numpy as np
 
 from terrain.algorithms.culling import Culler
-from terrain.algorithms.geomorph import TileLevels, Tiles, tile_triangles
+from terrain.algorithms.geomorph import TileLevels, Tiles, build_morph_targets, tile_triangles
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
 from terrain.gpu.geometry import Geometry
+from terrain.gpu.programs import UNITS
 from terrain.heightfield import Diagonal
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
@@ -72,6 +73,9 @@ class GeomorphRenderer:
         self._index_buffers = [gpu.ctx.buffer(mesh.tobytes()) for mesh in meshes]
         self._instances = [gpu.ctx.buffer(reserve=INSTANCE_DTYPE.itemsize, dynamic=True) for _ in meshes]
         size = 1 << self._levels.tiers[-1].size_level
+        posts = build_morph_targets(scene.heightfield.heights_m, size)
+        self._posts = gpu.ctx.texture(posts.shape[1::-1], 2, posts.data, dtype="f4")
+        self._posts.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._overhangs = any(n % size for n in scene.pyramid.cells)
         defines = {"CLIP_EDGES": 1} if self._overhangs else {}
         self._geometry = [
@@ -84,7 +88,7 @@ class GeomorphRenderer:
         self._counts = np.zeros(len(meshes), np.int64)  # tiles per mesh of 2^k cells per side
         self._tolerance_px = settings.tolerance_px
         self._excess, self._gain = 0.0, LARGEST_GAIN
-        self._index_bytes = sum(mesh.nbytes for mesh in meshes)
+        self._static_bytes = posts.nbytes + sum(mesh.nbytes for mesh in meshes)
 
     def select(self, frame: Frame) -> None:
         settings = self.settings
@@ -97,7 +101,7 @@ class GeomorphRenderer:
         self._upload(tiles, frame)
         self.stats.triangles = tile_triangles(tiles)
         self.stats.draw_calls = int(np.count_nonzero(self._counts))
-        self.stats.resident_bytes = self._index_bytes + sum(buffer.size for buffer in self._instances)
+        self.stats.resident_bytes = self._static_bytes + sum(buffer.size for buffer in self._instances)
         self.stats.extra = {"tiles": len(tiles.lam), "steered tolerance [px]": tolerance}
 
     def _steered_tolerance(self) -> float:
@@ -148,6 +152,7 @@ class GeomorphRenderer:
         self.stats.uploaded_bytes = records.nbytes
 
     def draw(self, frame: Frame) -> None:
+        self._posts.use(UNITS["u_morph"])
         if self._overhangs:
             for plane in (0, 1):
                 self._gpu.ctx.enable_direct(GL_CLIP_DISTANCE0 + plane)
@@ -168,6 +173,7 @@ class GeomorphRenderer:
         return Boxes(lower, upper, tiles.level.astype(np.int64))
 
     def release(self) -> None:
+        self._posts.release()
         for geometry in self._geometry:
             geometry.release()
         for buffer in (*self._index_buffers, *self._instances):

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from terrain.algorithms.culling import Culler
-from terrain.algorithms.geomorph import TileLevels, Tiles, tile_triangles
+from terrain.algorithms.geomorph import TileLevels, Tiles, build_morph_targets, tile_triangles
 from terrain.camera import Camera
 from terrain.frame import Frame
 from terrain.heightfield import Heightfield, surface_heights
@@ -209,6 +209,22 @@ def test_tiles_cover_each_visible_cell_exactly_once_within_the_grid() -> None:
     for post, t in zip(tiles.post, tiles.size_level, strict=True):
         count[post[1] : post[1] + (1 << t), post[0] : post[0] + (1 << t)] += 1
     assert (count == 1).all()
+
+
+@pytest.mark.parametrize("shape", [(33, 65), (40, 51), (2, 2)])
+def test_a_post_is_morphed_to_the_surface_of_the_next_coarser_level(shape) -> None:
+    heights = np.random.default_rng(3).normal(size=shape).astype(np.float32)
+    posts = build_morph_targets(heights, 16)
+    assert all((n - 1) % 16 == 0 for n in posts.shape[:2])
+    np.testing.assert_array_equal(posts[: shape[0], : shape[1], 0], heights)
+    row, col = np.indices(posts.shape[:2])
+    for level in range(4):
+        coarse = np.ascontiguousarray(posts[:: 2 << level, :: 2 << level, 0])
+        surface = surface_heights(coarse, col / (2 << level), row / (2 << level))
+        on_level = ((row | col) % (1 << level) == 0) & ((row | col) % (2 << level) != 0)
+        np.testing.assert_allclose(posts[on_level, 1], surface[on_level], atol=1e-6)
+    stays = (row | col) % 16 == 0
+    np.testing.assert_array_equal(posts[stays, 1], posts[stays, 0])
 
 
 def test_flat_ground_is_joined_to_a_handful_of_triangles() -> None:
