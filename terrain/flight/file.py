@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import uuid
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ def write_flight(flight: Flight, path: str | os.PathLike[str], overwrite: bool =
         If the file exists and may not be replaced, or the disk refuses.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     is_claimed = False
     try:
         temporary.write_text(_format(flight), encoding="utf-8")

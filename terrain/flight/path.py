@@ -224,7 +224,8 @@ def _tangents(position: Floats, knot: Floats, is_cut: npt.NDArray[np.bool_]) -> 
 def _rates(step: Floats, amount: Floats, is_cut: npt.NDArray[np.bool_]) -> Floats:
     """Slopes (n,) at the keyframes of the monotone cubic through running sums of ``amount`` (Fritsch and Carlson)."""
     rate = np.zeros(step.size + 1)
-    slope = np.where(is_cut, 0.0, amount / np.where(is_cut, 1.0, step))
+    step = np.where(is_cut, 1.0, step)
+    slope = np.where(is_cut, 0.0, amount / step)
     if not slope.size:
         return rate
     a, b, left, right = step[:-1], step[1:], slope[:-1], slope[1:]
