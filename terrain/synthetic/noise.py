@@ -44,6 +44,18 @@ def fbm(key: Key, cells: int, octaves: int, size: int, gain: float = 0.5) -> Gri
     return total
 
 
+def ridged(key: Key, cells: int, octaves: int, size: int, gain: float = 0.5) -> Grid:
+    """Ridged noise in 0..1: octaves of ``(1 - |noise|)²``, the fine ones strong where the coarse ones are high."""
+    total, weight = np.zeros((size, size), np.float32), np.ones((size, size), np.float32)
+    for octave in range(octaves):
+        if octave and cells << octave > size - 1:
+            break
+        crest = np.square(1.0 - np.minimum(np.abs(lattice_noise((*key, octave), cells << octave, size)), 1.0))
+        total += np.float32(gain**octave) * crest * weight
+        weight = np.minimum(crest * 2.0, 1.0).astype(np.float32)
+    return total * np.float32((1.0 - gain) / (1.0 - gain**octaves))
+
+
 def lattice_noise(key: Key, cells: int, size: int) -> Grid:
     """One octave, (size, size) float32 of unit standard deviation: a cubic B-spline over a lattice of unit normals."""
     lattice = np.random.default_rng(key).standard_normal((cells + 3, cells + 3), dtype=np.float32)
