@@ -44,18 +44,6 @@ def fbm(key: Key, cells: int, octaves: int, size: int, gain: float = 0.5) -> Gri
     return total
 
 
-def ridged(key: Key, cells: int, octaves: int, size: int, gain: float = 0.5) -> Grid:
-    """Ridged noise in 0..1: octaves of ``(1 - |noise|)²``, the fine ones strong where the coarse ones are high."""
-    total, weight = np.zeros((size, size), np.float32), np.ones((size, size), np.float32)
-    for octave in range(octaves):
-        if octave and cells << octave > size - 1:
-            break
-        crest = np.square(1.0 - np.minimum(np.abs(lattice_noise((*key, octave), cells << octave, size)), 1.0))
-        total += np.float32(gain**octave) * crest * weight
-        weight = np.minimum(crest * 2.0, 1.0).astype(np.float32)
-    return total * np.float32((1.0 - gain) / (1.0 - gain**octaves))
-
-
 def lattice_noise(key: Key, cells: int, size: int) -> Grid:
     """One octave, (size, size) float32 of unit standard deviation: a cubic B-spline over a lattice of unit normals."""
     lattice = np.random.default_rng(key).standard_normal((cells + 3, cells + 3), dtype=np.float32)
@@ -69,7 +57,7 @@ def lattice_noise(key: Key, cells: int, size: int) -> Grid:
 def resample(grid: Grid, size: int) -> Grid:
     """The same square at ``size`` posts a side: Catmull-Rom, exact where posts coincide, linear beyond the rim."""
     if size == grid.shape[0]:
-        return grid
+        return grid.copy()
     at = np.linspace(0.0, grid.shape[0] - 1.0, size)
     first = np.minimum(at.astype(np.int64), grid.shape[0] - 2)
     f = at - first
