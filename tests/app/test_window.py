@@ -52,23 +52,32 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
     def press(key):
         xdo("key", "--clearmodifiers", key)
 
-    def picture():
-        """The picture saved with F12; pressed again where a slow desktop had not focused the window yet."""
-        before = set(tmp_path.glob("*.png"))
+    def press_until(key, condition, what):
+        """Press a key until it has had its effect: a desktop without a window manager may not have focused the window."""
 
-        def saved():
+        def effect():
             xdo("windowfocus", window)
-            press("F12")
+            press(key)
             end = time.monotonic() + 3.0
-            while not (new := set(tmp_path.glob("*.png")) - before) and time.monotonic() < end:
+            while not (value := condition()) and time.monotonic() < end:
                 time.sleep(0.05)
-            return max(new, key=lambda path: path.stat().st_mtime) if new else None
+            return value or None
 
-        with Image.open(wait_for(saved, "a picture")) as image:
+        return wait_for(effect, what)
+
+    def picture():
+        """The picture saved with F12."""
+        before = set(tmp_path.glob("*.png"))
+        new = press_until("F12", lambda: set(tmp_path.glob("*.png")) - before, "a picture")
+        with Image.open(max(new, key=lambda path: path.stat().st_mtime)) as image:
             return np.asarray(image).astype(int)
 
-    def changed(before, what):
+    def changed(before, what, key=None):
+        """The first picture unlike ``before``; ``key``, where given, is pressed before each."""
+
         def differs():
+            if key is not None:
+                press(key)
             after = picture()
             return after if after.shape != before.shape or np.abs(after - before).mean() > 0.5 else None
 
@@ -92,14 +101,12 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
         flown = changed(first, "the key W to fly")
         xdo("mousedown", 1, "sleep", 0.3, "mousemove_relative", "--sync", 90, 0, "sleep", 0.3, "mouseup", 1)
         turned = changed(flown, "the mouse to turn the view")
-        press("r")
-        wait_for(lambda: list(tmp_path.glob("*.flight.json")) or None, "the recorded flight")
+        press_until("r", lambda: list(tmp_path.glob("*.flight.json")), "the recorded flight")
 
-        press("F2")
-        wires = changed(turned, "the wireframe view")
-        press("F1")
+        wires = changed(turned, "the wireframe view", "F2")
+        shaded = changed(wires, "the shaded view", "F1")
         press("0")
-        changed(wires, "the reference in the shaded view")
+        assert picture().shape == shaded.shape
 
         xdo("windowsize", "--sync", window, 1, 1)
         xdo("windowsize", "--sync", window, 800, 600)
@@ -108,8 +115,7 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
         xdo("windowmap", "--sync", window)
         xdo("windowfocus", "--sync", window)  # no window manager does it here
         assert viewer.poll() is None
-        press("ctrl+q")
-        viewer.wait(PATIENCE_S)
+        press_until("ctrl+q", lambda: viewer.poll() is not None, "the window to close")
         assert viewer.returncode == 0, viewer.stderr.read()
     finally:
         viewer.kill()
