@@ -46,7 +46,8 @@ def demo_flight(heightfield: Heightfield) -> Flight:
     height_share, aside = _eased(times / TOUR_S, _HEIGHT), _eased(times / TOUR_S, _ASIDE)
     low, high = heightfield.height_range_m
     size_m, eye_m = max(heightfield.extent_m), _eye_height_m(heightfield)
-    outlook_m = max(0.015 * size_m + min(0.24 * (high - low), 0.1 * size_m), 0.045 * size_m, 2.0 * eye_m)
+    relief_m = high - low
+    outlook_m = max(min(0.3 * relief_m, 0.1 * size_m), min(0.5 * relief_m, 0.035 * size_m), 0.022 * size_m, 2.0 * eye_m)
     way, summit = _valley_way(heightfield)
     speed = 0.04 + height_share**0.75  # as fast as suits the height above ground
     passed = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))]
@@ -102,14 +103,17 @@ def _valley_way(heightfield: Heightfield) -> tuple[Floats, Floats]:
     if heightfield.holes is not None:
         row, col = np.rint(z / heightfield.spacing_m[1]), np.rint(x / heightfield.spacing_m[0])
         holes = heightfield.holes[np.ix_(row.astype(np.int64), col.astype(np.int64))]
-    top = int(np.argmax(np.where(holes, -np.inf, heights)))
-    relief = max(float(np.ptp(heights)), 1e-3)
+    size_m, relief = max(heightfield.extent_m), max(float(np.ptp(heights)), 1e-6)
+    # What stands out most from its surroundings is worth flying to, rather than the highest point of a plateau.
+    standing_out = heights - _lowest_around(heights, _LATTICE // 12) + 0.25 * heights
+    top = int(np.argmax(np.where(holes, -np.inf, standing_out)))
     rim = np.minimum.outer(*(np.minimum(at, at[::-1]) / (at[0] + at[-1]) for at in (z, x)))  # 1/2 in the middle
     cost = 0.03 + ((heights - heights.min()) / relief) ** 2 + 20.0 * holes + np.maximum(1.0 - rim / 0.2, 0.0) ** 2
     costs, before = csgraph.dijkstra(_graph(cost, x, z), indices=top, return_predecessors=True)
     cols = heights.shape[1]
     distance = np.hypot(x[None, :] - x[top % cols], z[:, None] - z[top // cols]).ravel()
-    is_far = (distance >= 0.6 * distance.max()) & (~holes.ravel() | holes.all())
+    start_m = min(0.28 * size_m, max(2.6 * relief, 0.1 * size_m))  # near enough to look up to it
+    is_far = (distance > start_m) & (distance < 1.6 * start_m) & (~holes.ravel() | holes.all())
     if not is_far.any():
         is_far = distance == distance.max()
     node = int(np.argmin(np.where(is_far, costs / np.maximum(distance, 1e-9), np.inf)))
@@ -134,6 +138,14 @@ def _lattice(heightfield: Heightfield) -> tuple[Floats, Floats, Floats]:
         shares.append((edges[:-1] + edges[1:]) / 2.0)
     width, depth = heightfield.extent_m
     return heights.astype(np.float64), shares[1] * width, shares[0] * depth
+
+
+def _lowest_around(heights: Floats, reach: int) -> Floats:
+    """The lowest cell in a square of ``2 reach + 1`` cells."""
+    for axis in (0, 1):
+        padded = np.pad(heights, [(reach, reach) if axis == a else (0, 0) for a in (0, 1)], mode="edge")
+        heights = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=axis).min(axis=-1)
+    return heights
 
 
 def _graph(cost: Floats, x: Floats, z: Floats) -> Any:

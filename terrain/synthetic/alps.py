@@ -31,7 +31,7 @@ EXTENT_M = 30720.0
 _ERODED_EXTENT_M = 1.44 * EXTENT_M  # room to turn the scene in, and a rim to cut off
 _TURN_RAD = math.radians(27.0)
 _COARSEST_POSTS = 81
-_ROUNDS = (60, 30, 12, 2)  # of erosion on grids of 81, 161, 321 and 641 posts
+_ROUNDS = (48, 22, 8, 2)  # of erosion on grids of 81, 161, 321 and 641 posts
 _BASE_POSTS = 513  # of what is cut out
 _FLOOR_M, _SUMMIT_M = 600.0, 3980.0
 _AREA_POWER = 0.45
@@ -147,16 +147,18 @@ def _detailed(coarse: Grid, seed: int) -> Grid:
     step_m = np.float32(EXTENT_M / (size - 1))
     slope_z, slope_x = np.gradient(heights, step_m)
     steep = smoothstep(0.1, 0.75, np.hypot(slope_x, slope_z))
-    rough = lattice_noise((seed, 10, size), (size - 1) // 2, size) + 1.5 * lattice_noise(
-        (seed, 11, size), (size - 1) // 6, size
-    )
-    heights += 0.18 * step_m * steep * rough
+    rough = lattice_noise((seed, 10, size), (size - 1) // 2, size)
+    rough += 1.5 * lattice_noise((seed, 11, size), (size - 1) // 6, size)
+    # High up frost leaves crests and teeth: noise folded at its zeros.
+    crags = 1.0 - 2.0 * np.abs(lattice_noise((seed, 14, size), (size - 1) // 5, size)) - np.abs(rough)
+    high = smoothstep(1900.0, 3000.0, heights)
+    heights += step_m * steep * (0.1 * rough + 0.28 * high * crags)
     # Routing over ground rougher than the real one makes gullies wander instead of following the grid's directions.
     routed = heights + 0.6 * step_m * steep * lattice_noise((seed, 13, size), size - 1, size)
     per_m = [1.0 / (step_m * math.hypot(r, c)) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
     receivers, _ = steepest_receivers(routed, per_m)
     passing = upstream_sum(receivers, np.ones(size * size, np.float32), 6)
     gully = np.minimum(np.log2(passing), 7.0).astype(np.float32).reshape(size, size) - 1.5
-    depth_m = 0.25 * step_m * steep * smoothstep(-1.0, 1.0, fbm((seed, 12), 24, 3, size))
+    depth_m = 0.42 * step_m * steep * smoothstep(-1.0, 1.0, fbm((seed, 12), 24, 3, size))
     heights -= depth_m * ndimage.gaussian_filter(gully, 0.7)
     return heights

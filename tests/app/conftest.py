@@ -7,6 +7,7 @@ import pytest
 
 from app.opening import Drawing, default_algorithm
 from app.session import Session
+from terrain.camera import Camera
 from terrain.gpu.context import create_offscreen_gpu
 from terrain.heightfield import Heightfield
 from terrain.renderers import RENDERERS
@@ -35,6 +36,7 @@ def session(app_gpu, hills, tmp_path):
     drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", None, 1.0)
     with app_gpu.ctx:  # commands under test make contexts of their own, which then are current
         session = Session(app_gpu, hills, drawing, folder=tmp_path)
+        session.camera = Camera((52.0, 22.0, 282.0), yaw_deg=25.0, pitch_deg=-11.0)  # across the hills
         session.draw((64, 36))
         yield session
         session.close()

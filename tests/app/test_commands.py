@@ -53,7 +53,8 @@ def test_render_writes_one_picture(tmp_path, capsys):
 
 
 def test_the_error_view_of_the_reference_is_white():
-    options = ["render", "waves:33", "--at", 0, *SMALL, "--view", "error"]
+    eye = ["--eye", "764,96,828", "--yaw=-39", "--pitch=-11"]
+    options = ["render", "waves:33", *eye, *SMALL, "--view", "error"]
     assert run(*options, "--algorithm", "reference", "--out", "none.png") == 0
     assert run(*options, "--algorithm", "geomorph", "--tolerance", 16, "--out", "some.png") == 0
     with Image.open("none.png") as none, Image.open("some.png") as some:
