@@ -18,6 +18,7 @@ from app.controls import Inputs, Motion, move, speed_m_s
 from app.experiments import Experiments
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
 from app.opening import Drawing, open_stage, read_texture
+from app.preferences import PreferenceFile
 from terrain.camera import Camera
 from terrain.errors import InputError
 from terrain.flight import Flight, FlightRecorder, demo_flight, numbered_path, write_flight
@@ -49,12 +50,16 @@ class Session:
         What replay plays at first; the terrain's demo flight where there is none.
     folder : Path
         Where pictures and flights are saved, under new names.
+    preferences : PreferenceFile, optional
+        What the person chose in earlier runs; where there is none, the defaults, and nothing is kept.
     """
 
     def __init__(
-        self, gpu: Gpu, heightfield: Heightfield, drawing: Drawing, flight: Flight | None = None, folder: Path = Path()
-    ) -> None:
+        self, gpu: Gpu, heightfield: Heightfield, drawing: Drawing, flight: Flight | None = None, folder: Path = Path(),
+        preferences: PreferenceFile | None = None,
+    ) -> None:  # fmt: skip
         self.gpu, self.folder = gpu, folder
+        self.preferences = PreferenceFile() if preferences is None else preferences
         self._drape = read_texture(drawing, heightfield)
         self.stage: Stage = open_stage(gpu, heightfield, drawing, self._drape)
         self.view: Any = drawing.view

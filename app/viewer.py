@@ -73,9 +73,11 @@ class Window:
 
     def run(self, heightfield: Heightfield, drawing: Drawing, flight: Any = None) -> None:
         """Show a terrain until the window is closed."""
+        from app.preferences import PreferenceFile, config_folder
         from app.session import Session
 
-        session = Session(self.gpu, heightfield, drawing, flight)
+        preferences = PreferenceFile(config_folder())
+        session = Session(self.gpu, heightfield, drawing, flight, preferences=preferences)
         self._window.title = f"{heightfield.name} — Reliefscope"
         self._window.visible = True  # not before there is something to see
         try:

@@ -14,6 +14,12 @@ from terrain.renderers import RENDERERS
 from terrain.textures.look import LookSettings
 
 
+@pytest.fixture(autouse=True)
+def own_preferences(tmp_path, monkeypatch):
+    """No test reads or writes the preferences of the person who runs it."""
+    monkeypatch.setenv("RELIEFSCOPE_CONFIG", str(tmp_path / "config"))
+
+
 @pytest.fixture(scope="session")
 def app_gpu():
     gpu = create_offscreen_gpu()
