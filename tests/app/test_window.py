@@ -53,7 +53,7 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
         xdo("key", "--clearmodifiers", key)
 
     def press_until(key, condition, what):
-        """Press a key until it has had its effect: a desktop without a window manager may not have focused the window."""
+        """Press a key until it has had its effect: without a window manager the window may not have the focus."""
 
         def effect():
             xdo("windowfocus", window)
