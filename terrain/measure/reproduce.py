@@ -150,27 +150,38 @@ def _text(cell: Cell) -> str:
 def _write_plot(folder: Path, plot: Plot) -> list[Path]:
     from matplotlib.figure import Figure  # 170 ms, and only plots need it
 
-    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes = figure.add_subplot()
+    colours: dict[str, str] = {}  # the paper's line and ours share one
     for name, points in plot.series.items():
         x, y = zip(*points, strict=True)
-        is_paper = "paper" in name.lower()
-        axes.plot(x, y, marker="o", markersize=4, linestyle="--" if is_paper else "-", label=name)
+        is_paper = name.startswith("paper, ") or name.endswith(" (paper)")
+        colour = colours.setdefault(name.removesuffix(" (paper)"), f"C{len(colours)}")
+        axes.plot(x, y, color=colour, marker="o", markersize=4, linestyle="--" if is_paper else "-", label=name)
     if plot.log_x:
         axes.set_xscale("log", base=2)
+        axes.set_xticks(sorted({x for points in plot.series.values() for x, _ in points}))
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_formatter(lambda *_: "")
     if plot.log_y:
         axes.set_yscale("log")
+        for formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            formatter(_one_two_five)
     axes.set_title(plot.title, fontsize=10, loc="left")
     axes.set_xlabel(plot.x_label)
     axes.set_ylabel(plot.y_label)
     axes.grid(True, color="#e8e8e8", linewidth=0.6)
-    axes.legend(fontsize=8)
+    figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     paths = []
     for suffix in ("png", "svg"):
         paths.append(folder / f"{plot.name}.{suffix}")
         figure.savefig(paths[-1], dpi=150)
     return paths
+
+
+def _one_two_five(value: float, _: float) -> str:
+    """Labels of a logarithmic axis: few enough to be read, and no powers of ten to be multiplied."""
+    return f"{value:g}" if f"{value:e}"[0] in "125" else ""
 
 
 def _module(algorithm: str) -> str:

@@ -176,7 +176,7 @@ def _plots(rows: Sequence[_Row]) -> list[Plot]:
             series["with morph (paper)"] = paper
         plots.append(
             Plot(f"table7_{size}", f"Table 7, {size} x {size} posts", "posts along a tile", "frames per second",
-                 series, log_x=True, log_y=True)
+                 series, log_x=True)
         )  # fmt: skip
     return plots
 
