@@ -20,11 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
-from scipy.spatial import Delaunay
 
 from terrain.camera import Camera
 from terrain.measure.accuracy import AccuracyMeter, Pool, drawn_by, geometric_error_px
@@ -124,6 +123,8 @@ def small_share(corners: npt.NDArray[np.float32]) -> float | None:
     total = float(corners.sum(dtype=np.float64))
     if not total:
         return None
+    from scipy import ndimage  # 160 ms to import, and the window starts with this module
+
     density = ndimage.uniform_filter(corners.astype(np.float64) / 3.0, WINDOW_PX, mode="nearest")
     return float(corners[density > 1.0].sum(dtype=np.float64)) / total
 
@@ -164,6 +165,8 @@ def greedy_triangles(points_m: Floats, weight: Floats, error_px: float) -> Gener
     int
         Triangles that hold at least one point.
     """
+    from scipy.spatial import Delaunay
+
     if not len(points_m):
         return 0
     lower, upper = points_m[:, [0, 2]].min(axis=0), points_m[:, [0, 2]].max(axis=0)
@@ -197,7 +200,7 @@ def greedy_triangles(points_m: Floats, weight: Floats, error_px: float) -> Gener
     return home_count
 
 
-def _interpolate(mesh: Delaunay, home: npt.NDArray[np.int32], plan: Floats, height: Floats) -> Floats:
+def _interpolate(mesh: Any, home: npt.NDArray[np.int32], plan: Floats, height: Floats) -> Floats:
     """Heights (n,) of the triangulated surface at points in known triangles."""
     transform = mesh.transform[home]
     first = np.einsum("nij,nj->ni", transform[:, :2], plan - transform[:, 2])
