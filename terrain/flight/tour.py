@@ -1,8 +1,8 @@
 """Flights made for any terrain: a tour through its valleys, and an orbit around it.
 
 The tour begins with a view across the terrain towards its highest mountain, goes down into the valley that leads there,
-follows it at eye level, and climbs out turning round. Valleys are found as cheapest ways over a coarse grid on which
-height costs. The eye's height is checked along the spline against the surface and raised where it is too low.
+follows it low above the ground, and climbs out turning round. Valleys are found as cheapest ways over a coarse grid
+on which height costs. The eye's height is checked along the spline against the surface and raised where it is too low.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ _LATTICE = 160  # cells along the longer side of the coarse grid
 _INSET = 0.05  # share of each side the eye keeps away from the rim
 _SAMPLES_PER_CELL = 8
 _RAISING_ROUNDS = 24
+_LOW_PASS = 0.0015  # of the terrain's longer side: as low as a bird flies, where a person would only see a meadow
 
 # The tour over its time, each value reached softly: height above the ground (1: the outlook's), and how much the
 # camera looks elsewhere than along the way (first towards the summit, from the middle on across the terrain).
@@ -45,11 +46,11 @@ def demo_flight(heightfield: Heightfield) -> Flight:
     times = np.arange(0.0, TOUR_S + 0.5 * _KEY_S, _KEY_S)
     height_share, aside = _eased(times / TOUR_S, _HEIGHT), _eased(times / TOUR_S, _ASIDE)
     low, high = heightfield.height_range_m
-    size_m, eye_m = max(heightfield.extent_m), _eye_height_m(heightfield)
+    size_m, eye_m = max(heightfield.extent_m), _lowest_flight_m(heightfield)
     relief_m = high - low
     outlook_m = max(min(0.3 * relief_m, 0.1 * size_m), min(0.5 * relief_m, 0.035 * size_m), 0.022 * size_m, 2.0 * eye_m)
     way, summit = _valley_way(heightfield)
-    speed = 0.04 + height_share**0.75  # as fast as suits the height above ground
+    speed = 0.25 + height_share**0.75  # as fast as suits the height above ground
     passed = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))]
     length_m = min(0.75 * _length_m(way), 0.4 * size_m)
     x, z = _at_distance(way, passed / passed[-1] * length_m).T
@@ -79,10 +80,10 @@ def orbit_flight(heightfield: Heightfield, duration_s: float = 30.0) -> Flight:
     return make_flight(keys, f"{heightfield.name} orbit", heightfield)
 
 
-def _eye_height_m(heightfield: Heightfield) -> float:
-    """A person's height above the ground, adapted to the spacing of very fine and very coarse grids."""
+def _lowest_flight_m(heightfield: Heightfield) -> float:
+    """Height above the ground at the lowest: a person's on a small terrain, a bird's on a large one."""
     spacing_m = min(heightfield.spacing_m)
-    return max(min(1.8, spacing_m), 0.02 * spacing_m)
+    return max(min(1.8, spacing_m), 0.02 * spacing_m, _LOW_PASS * max(heightfield.extent_m))
 
 
 def _eased(share: Floats, values: tuple[float, ...]) -> Floats:

@@ -481,12 +481,12 @@ def test_the_tour_of_any_rough_terrain_stays_above_ground(seed, rows, cols, reli
     assert clearance_m(demo_flight(heightfield), heightfield).min() > 0.0
 
 
-def test_the_tour_shows_a_wide_view_eye_level_and_a_climb():
+def test_the_tour_shows_a_wide_view_a_low_pass_and_a_climb():
     heightfield = make_scene("alps", 513)
     flight = demo_flight(heightfield)
     clearance = clearance_m(flight, heightfield)
     assert clearance[0] > 500.0
-    assert (clearance < 8.0).mean() > 0.05  # a second at eye level and more
+    assert (clearance < 0.004 * max(heightfield.extent_m)).mean() > 0.05  # a second near the ground and more
     lowest = int(clearance.argmin())
     assert clearance[lowest:].max() > 500.0
     assert -30.0 < flight.camera_at(0.0).pitch_deg < 0.0
