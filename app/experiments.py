@@ -200,7 +200,7 @@ class Experiments:
         for number, tolerance_px in enumerate(TOLERANCES_PX):
             runs = plan_runs(chosen, [tolerance_px])[0 if number == 0 else 1 :]  # the reference once
             views = self._flight_views(self.frames)
-            sweep = Sweep(session.stage, runs, views, self._size_px, session.flight.name, repeats=1)
+            sweep = Sweep(session.stage, runs, views, self._size_px, session.flights.flight.name, repeats=1)
             try:
                 for progress in sweep.steps():
                     yield (number + progress.share) / len(TOLERANCES_PX)
@@ -240,7 +240,7 @@ class Experiments:
 
     def _fly(self) -> Steps:
         session = self._session
-        duration_s = session.flight.duration_s
+        duration_s = session.flights.duration_s
         count = min(max(int(duration_s / STRIP_STEP_S), 1) + 1, STRIP_FRAMES)
         self.strip, self.strip_tolerance_px = [], session.settings.tolerance_px
         renderer = RENDERERS[session.algorithm](session.gpu, session.stage.scene, session.settings)
@@ -283,7 +283,7 @@ class Experiments:
 
     def _flight_views(self, count: int) -> list[tuple[float, Camera]]:
         """Evenly spread frames of the flight."""
-        flight = self._session.flight
+        flight = self._session.flights
         return [(t, flight.camera_at(t)) for t in np.linspace(0.0, flight.duration_s, count).tolist()]
 
     @property

@@ -16,7 +16,7 @@ class Binding(NamedTuple):
 
     key: str
     help: str
-    act: Callable[[Session], None]
+    act: Callable[[Session], object]
 
 
 # Held keys: (positive, negative, what they do); see app.controls.Inputs.
@@ -34,14 +34,23 @@ MOUSE_HELP = (
 
 _ACTS = (
     Binding("F", "freeze the selection, fly on and look at it", Session.toggle_freeze),
-    Binding("R", "record the flight you fly; again: save it", Session.toggle_recording),
-    Binding("P", "play the flight, or stop it", Session.toggle_replay),
+    Binding("R", "record the flight you fly; again: save it", lambda session: session.flights.toggle_recording()),
+    Binding("P", "play the flight, or pause", lambda session: session.flights.toggle_playing()),
+    Binding("K", "show or hide the timeline of keyframes", Session.toggle_timeline),
+    Binding("Insert", "make the view a keyframe at the playhead", lambda session: session.flights.add_keyframe()),
+    Binding("U", "give the selected keyframe the view", lambda session: session.flights.update_keyframe()),
+    Binding("Delete", "delete the selected keyframe", lambda session: session.flights.delete_keyframe()),
+    Binding("Comma", "one frame back", lambda session: session.flights.step(-1)),
+    Binding("Period", "one frame forward", lambda session: session.flights.step(1)),
+    Binding("Ctrl+Z", "take an edit of the flight back", lambda session: session.flights.undo()),
+    Binding("Ctrl+Y", "do it again", lambda session: session.flights.redo()),
+    Binding("Ctrl+S", "save the flight", lambda session: session.flights.save()),
     Binding("Home", "frame the whole terrain", Session.frame_all),
     Binding("F12", "save the picture as PNG", Session.take_screenshot),
     Binding("T", "show or hide the panel", Session.toggle_panel),
     Binding("L", "show or hide the laboratory", Session.toggle_laboratory),
     Binding("H", "show or hide this help", Session.toggle_help),
-    Binding("Escape", "close the help, stop the replay", Session.escape),
+    Binding("Escape", "close the help, pause the flight", Session.escape),
     Binding("Ctrl+Q", "leave", Session.leave),
 )
 

@@ -90,8 +90,12 @@ class Panel:
         if imgui.checkbox("##Freeze", session.stage.frozen is not None)[0]:
             session.toggle_freeze()
         for title, act, help_text in (
-            ("Stop" if session.recorder else "Record", session.toggle_recording, "Record the flight you fly (R)."),
-            ("Stop##replay" if session.replay_s is not None else "Play", session.toggle_replay, "Play the flight (P)."),
+            (
+                "Stop" if session.flights.recorder else "Record",
+                session.flights.toggle_recording,
+                "Record the flight you fly (R).",
+            ),
+            ("Pause" if session.flights.is_playing else "Play", session.flights.toggle_playing, "Play the flight (P)."),
             ("Picture", session.take_screenshot, "Save the picture as PNG (F12)."),
             ("Home", session.frame_all, "Look at the whole terrain (Home)."),
             ("Lab", session.toggle_laboratory, "The laboratory: measure, compare, tune (L)."),
@@ -229,10 +233,10 @@ def _bytes(value: int) -> str:
 def _draw_status(session: Session) -> None:
     """One line at the bottom: what happens, and how to stop it."""
     lines = []
-    if session.recorder is not None:
+    if session.flights.recorder is not None:
         lines.append("Recording: R stops and saves.")
-    if session.replay_s is not None:
-        lines.append(f"Playing {session.replay_s:.1f} of {session.flight.duration_s:.1f} s.")
+    if session.flights.is_playing:
+        lines.append(f"Playing {session.flights.time_s:.1f} of {session.flights.duration_s:.1f} s.")
     if session.stage.frozen is not None:
         lines.append("Selection frozen: fly on and look at it, F lets it go.")
     if session.message:

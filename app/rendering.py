@@ -1,14 +1,21 @@
-"""Off screen: a camera or a flight drawn into pictures, frames, films and arrays of positions."""
+"""Off screen: a camera or a flight drawn into pictures, frames, films and arrays of positions.
+
+A picture larger than `TILE_PX` is drawn in tiles: no GPU draws 16,000 pixels at once, and a window that lives on while
+it exports must not wait for a large picture. What is drawn is chosen once, for the whole picture, so that tiles meet.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from app.capture import Picture, Sink
 from terrain.camera import Camera
+
+TILE_PX = 2048
+LARGEST_CALIBRATED_PX = 4096  # a renderer that measures the GPU at its picture's size measures at this one at most
 
 
 def flight_times(duration_s: float, frames: int | None, fps: int) -> list[float]:
@@ -22,12 +29,56 @@ def flight_times(duration_s: float, frames: int | None, fps: int) -> list[float]
     return [0.0] if frames == 1 else np.linspace(0.0, duration_s, frames).tolist()
 
 
+def draw_bands(
+    stage: Any, camera: Camera, size_px: tuple[int, int], view: Any, time_s: float = 0.0, tile_px: int = TILE_PX
+) -> Iterator[Picture | None]:
+    """One picture as bands of rows from the top, and None after each tile but a band's last."""
+    if max(size_px) <= tile_px:
+        yield stage.render(camera, size_px, view, time_s)
+        return
+    if max(size_px) > LARGEST_CALIBRATED_PX:
+        stage.render(camera, (TILE_PX, max(TILE_PX * size_px[1] // size_px[0], 1)), view, time_s)
+    frame = stage.frame(camera, size_px, time_s)
+    columns, rows = (_split(length, tile_px) for length in size_px)
+    is_first = True
+    for bottom, top in reversed(rows):
+        parts = []
+        for left, right in columns:
+            tile = frame.tile((left, bottom), (right - left, top - bottom))
+            target = stage.target(tile.viewport_px)
+            stage.draw(tile, target, view, choose=is_first)
+            is_first = False
+            parts.append(target.read()[..., :3])
+            if right < size_px[0]:
+                yield None
+        yield np.ascontiguousarray(np.concatenate(parts, axis=1))
+
+
+def draw_slowly(
+    stage: Any, camera: Camera, size_px: tuple[int, int], view: Any, time_s: float = 0.0, tile_px: int = TILE_PX
+) -> Generator[None, None, Picture]:
+    """One picture (height, width, 3), as what the generator returns; it yields after each tile."""
+    bands = []
+    for band in draw_bands(stage, camera, size_px, view, time_s, tile_px):
+        if band is not None:
+            bands.append(band)
+        yield
+    return bands[0] if len(bands) == 1 else np.concatenate(bands)
+
+
 def draw_pictures(
     stage: Any, cameras: Iterable[Camera], times_s: Iterable[float], size_px: tuple[int, int], view: Any
 ) -> Iterator[Picture]:
     """The picture (height, width, 3) of each camera in turn."""
     for camera, time_s in zip(cameras, times_s, strict=True):
-        yield stage.render(camera, size_px, view, time_s)
+        bands = [band for band in draw_bands(stage, camera, size_px, view, time_s) if band is not None]
+        yield bands[0] if len(bands) == 1 else np.concatenate(bands)
+
+
+def _split(length: int, most: int) -> list[tuple[int, int]]:
+    """A length in parts of one size, none above ``most``, the last one smaller."""
+    step = -(-length // -(-length // most))
+    return [(start, min(start + step, length)) for start in range(0, length, step)]
 
 
 def write_pictures(pictures: Iterable[Picture], count: int, sinks: Sequence[Sink], label: str) -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,17 +18,20 @@ from app.capture import save_png
 from app.comparison import Comparison
 from app.controls import Inputs, Motion, move, speed_m_s
 from app.experiments import Experiments
+from app.exporter import Exporter
+from app.flights import Flights
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
 from app.opening import Drawing, open_stage, read_texture
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
 from terrain.errors import InputError
-from terrain.flight import Flight, FlightRecorder, demo_flight, numbered_path, write_flight
+from terrain.flight import Flight, demo_flight, numbered_path
 from terrain.frame import FrameStats
 from terrain.gpu.context import Gpu
 from terrain.gpu.targets import Target, create_target
 from terrain.heightfield import Heightfield
 from terrain.renderers import RENDERERS
+from terrain.scene import Scene
 from terrain.stage import Stage
 from terrain.views import VIEWS
 
@@ -65,11 +70,10 @@ class Session:
         self.view: Any = drawing.view
         self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
-        self.flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
-        self.camera: Camera = self.flight.camera_at(0.0)
+        flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
+        self.flights = Flights(self, flight, self.preferences.folder)
+        self.camera: Camera = flight.camera_at(0.0)
         self.motion = Motion()
-        self.recorder: FlightRecorder | None = None
-        self.replay_s: float | None = None
         self.stats = FrameStats()
         self.frame_ms: deque[float] = deque(maxlen=GRAPH_FRAMES)
         self.picture: Target | None = None
@@ -79,12 +83,13 @@ class Session:
         self.shows_laboratory = False
         self.comparison = Comparison()
         self.experiments = Experiments(self)
+        self.exporter = Exporter(self)
         self.tuned: dict[str, Any] = {}  # settings that make algorithms equal, while they hold
-        self.flight_s = 0.0
         self.is_leaving = False
         self._message, self._message_until_s = "", 0.0
         self._changed_s = 0.0
         self.say(f"{heightfield.name}: {heightfield.cols} x {heightfield.rows} posts. H lists the keys.")
+        self.flights.recover()
 
     @property
     def heightfield(self) -> Heightfield:
@@ -106,13 +111,13 @@ class Session:
     @property
     def is_still(self) -> bool:
         """Whether the picture stays as it is until somebody does something."""
-        busy = self.recorder is not None or self.replay_s is not None
+        busy = self.flights.recorder is not None or self.flights.is_playing
         return not busy and self.motion.at_rest and self.clock_s - self._changed_s > SETTLE_S
 
     @property
     def is_asleep(self) -> bool:
         """Whether nothing at all is to be done until somebody does something."""
-        return self.is_still and not self.experiments.wants_work
+        return self.is_still and not (self.experiments.wants_work or self.exporter.is_busy)
 
     @property
     def height_above_ground_m(self) -> float:
@@ -138,31 +143,23 @@ class Session:
         """Let ``dt_s`` seconds pass: fly with the hands, or along the replayed flight."""
         self.clock_s += dt_s
         before = self.camera
-        if self.replay_s is not None:
-            self._advance_replay(inputs, dt_s)
-        if self.replay_s is None:
+        self.flights.advance(inputs, dt_s)
+        if not self.flights.is_playing:
             terrain = self.heightfield
             clearance, least = clearance_above(terrain), least_clearance_m(terrain)
             pace = self.motion.speed_factor
             self.camera, self.motion = move(self.camera, self.motion, inputs, dt_s, clearance, least)
             if self.motion.speed_factor != pace:
                 self.say(f"Speed {self.speed_m_s:,.0f} m/s at this height.")
-        if self.recorder is not None:
-            self.recorder.add(self.clock_s, self.camera)
+        self.flights.record()
         if self.camera != before:
             self.touch()
 
-    def _advance_replay(self, inputs: Inputs, dt_s: float) -> None:
-        assert self.replay_s is not None
-        self.replay_s += dt_s
-        if inputs.moves:
-            self.stop_replay("Replay stopped: you are flying.")
-        elif self.replay_s > self.flight.duration_s:
-            self.camera = self.flight.camera_at(self.flight.duration_s)
-            self.stop_replay("The flight is over.")
-        else:
-            self.camera = self.flight.camera_at(self.replay_s)
-            self.flight_s = self.replay_s
+    def look_from(self, camera: Camera) -> None:
+        """Take a place of its own choice, at rest."""
+        self.camera = camera
+        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
+        self.touch()
 
     def draw(self, size_px: tuple[int, int]) -> Target | None:
         """The picture at this size, drawn again where something changed; None for a window without area."""
@@ -176,6 +173,7 @@ class Session:
         if not self.is_still:
             self._draw_frame(size_px)
         self.experiments.work()
+        self.exporter.work()
         return self.picture
 
     def _draw_frame(self, size_px: tuple[int, int]) -> None:
@@ -249,14 +247,27 @@ class Session:
         self.comparison.release()
         self.tuned = {}
         old.release()
-        self.stage = Stage(self.gpu, scene, algorithm, settings, look)
-        if self._drape is not None:
-            self.stage.set_drape(self._drape)
+        self.stage = self._make_stage(scene, algorithm, settings, look)
         x, _, z = self.camera.position_m
         self.camera = replace(self.camera, position_m=(x, ground_m(self.heightfield, x, z) + before, z))
         if frozen and size_px is not None:
             self.stage.freeze(self.stage.frame(self.camera, size_px, self.clock_s))
         self.touch()
+
+    def _make_stage(self, scene: Scene, algorithm: str, settings: Any, look: Any) -> Stage:
+        stage = Stage(self.gpu, scene, algorithm, settings, look)
+        if self._drape is not None:
+            stage.set_drape(self._drape)
+        return stage
+
+    @contextmanager
+    def twin_stage(self) -> Iterator[Stage]:
+        """A stage of its own that draws the same, in full detail, whatever is changed here meanwhile."""
+        twin = self._make_stage(self.stage.scene, self.algorithm, self.settings.unhurried(), self.stage.look)
+        try:
+            yield twin
+        finally:
+            twin.release()
 
     def toggle_freeze(self) -> None:
         """Keep what is drawn as chosen from here, or let it follow the eye again."""
@@ -269,53 +280,9 @@ class Session:
 
     def frame_all(self) -> None:
         """Look at the whole terrain."""
-        self.stop_replay("")
+        self.flights.pause()
         width, height = self.picture.size_px if self.picture is not None else (16, 9)
-        self.camera = frame_terrain(self.heightfield, width / height, self.camera.fov_deg)
-        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
-        self.touch()
-
-    def toggle_recording(self) -> None:
-        """Begin to record what is flown, or stop and save it under a new name."""
-        if self.recorder is None:
-            self.recorder = FlightRecorder(self.heightfield)
-            self.recorder.add(self.clock_s, self.camera)
-            self.say("Recording the flight; R stops and saves it.")
-            return
-        self.save_recording()
-
-    def save_recording(self) -> None:
-        """End the recording, if there is one, and save it under a new name."""
-        if self.recorder is None:
-            return
-        recorder, self.recorder = self.recorder, None
-        path = numbered_path(self.folder / f"{self.heightfield.name}.flight.json")
-        self.flight = recorder.finish(path.name.partition(".")[0])
-        self._save(lambda: write_flight(self.flight, path), f"Saved the flight as {path}; P plays it.")
-
-    def toggle_replay(self) -> None:
-        """Play the flight (recorded, given, or the demo), or stop it."""
-        if self.replay_s is not None:
-            self.stop_replay("Replay stopped.")
-            return
-        self.save_recording()
-        self.replay_s = 0.0
-        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
-        self.say(f"Playing {self.flight.name} ({self.flight.duration_s:.0f} s); P or any movement stops it.")
-
-    def seek(self, time_s: float) -> None:
-        """Go to a moment of the flight; a replay goes on from there."""
-        self.flight_s = min(max(time_s, 0.0), self.flight.duration_s)
-        if self.replay_s is not None:
-            self.replay_s = self.flight_s
-        self.camera = self.flight.camera_at(self.flight_s)
-        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
-        self.touch()
-
-    def stop_replay(self, reason: str) -> None:
-        self.replay_s = None
-        if reason:
-            self.say(reason)
+        self.look_from(frame_terrain(self.heightfield, width / height, self.camera.fov_deg))
 
     def take_screenshot(self) -> None:
         """Save the picture, without the panel, under a new name."""
@@ -330,6 +297,10 @@ class Session:
 
     def toggle_panel(self) -> None:
         self.shows_panel = not self.shows_panel
+
+    def toggle_timeline(self) -> None:
+        self.flights.shows_timeline = not self.flights.shows_timeline
+        self.touch()  # the way flown is drawn into the picture with it
 
     def toggle_laboratory(self) -> None:
         self.shows_laboratory = not self.shows_laboratory
@@ -354,8 +325,8 @@ class Session:
         """Close the help, or stop the replay."""
         if self.shows_help:
             self.shows_help = False
-        elif self.replay_s is not None:
-            self.stop_replay("Replay stopped.")
+        elif self.flights.is_playing:
+            self.flights.pause("Paused; P plays on.")
 
     def leave(self) -> None:
         """Ask the window to close."""
@@ -371,7 +342,8 @@ class Session:
 
     def close(self) -> None:
         """Save an unfinished recording and release the GPU's memory."""
-        self.save_recording()
+        self.flights.close()
+        self.exporter.close()
         self.experiments.close()
         self.comparison.release()
         if self.picture is not None:

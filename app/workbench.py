@@ -200,15 +200,15 @@ def waste_figures(session: Session) -> list[tuple[str, str]]:
 def _draw_flight(session: Session) -> None:
     """The flight's timeline, and below it where it is not stable; a click goes there."""
     lab, em = session.experiments, imgui.get_font_size()
-    duration_s = max(session.flight.duration_s, 1e-3)
+    duration_s = max(session.flights.duration_s, 1e-3)
     imgui.set_next_item_width(-1.0)
-    changed, time_s = imgui.slider_float("##Timeline", session.flight_s, 0.0, duration_s, "%.1f s")
+    changed, time_s = imgui.slider_float("##Timeline", session.flights.time_s, 0.0, duration_s, "%.1f s")
     if changed:
-        session.seek(time_s)
+        session.flights.seek(time_s)
     width, height = imgui.get_content_region_avail().x, 3.9 * em
     draw, (x, y) = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos()
     if imgui.invisible_button("##Strip", (width, height)):
-        session.seek((imgui.get_io().mouse_pos.x - x) / width * duration_s)
+        session.flights.seek((imgui.get_io().mouse_pos.x - x) / width * duration_s)
     if imgui.is_item_hovered():
         _tell_strip(session, (imgui.get_io().mouse_pos.x - x) / width * duration_s)
     frames, tolerance_px = lab.strip, lab.strip_tolerance_px
@@ -233,7 +233,7 @@ def _draw_flight(session: Session) -> None:
                 (at, bottom - (bottom - top if i in wrong else tall)), (at + step, bottom), _packed(colour)
             )
         draw.add_text((x + 0.3 * em, top + 0.05 * em), _packed((1.0, 1.0, 1.0, 0.75)), f"{name} {len(wrong) or ''}")
-    at = x + session.flight_s / duration_s * width
+    at = x + session.flights.time_s / duration_s * width
     draw.add_line((at, y), (at, y + height), _packed(INK), 1.5)
     imgui.begin_disabled(lab.is_busy)
     _button("Check the flight", "Look for holes, pops and slow frames along the flight.", lab.check_flight)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -38,6 +38,10 @@ class Frame:
         Time on the clock that drives time-controlled animation.
     reversed_z : bool
         Depth convention of the bound target (`Camera.clip_from_eye`).
+    whole_px : tuple of int or None
+        Size of the picture this frame is a tile of; None where it is the whole picture.
+    corner_px : tuple of int
+        The tile's lower left corner in that picture.
     """
 
     camera: Camera
@@ -46,10 +50,29 @@ class Frame:
     output: Output = "shaded"
     time_s: float = 0.0
     reversed_z: bool = True
+    whole_px: tuple[int, int] | None = None
+    corner_px: tuple[int, int] = (0, 0)
+
+    def tile(self, corner_px: tuple[int, int], size_px: tuple[int, int]) -> Frame:
+        """A part of this picture, drawn as a picture of its own."""
+        return replace(self, viewport_px=size_px, whole_px=self.picture_px, corner_px=corner_px)
+
+    @property
+    def whole(self) -> Frame:
+        """The picture this is a tile of: what is drawn is chosen for it, so that tiles meet."""
+        return (
+            self if self.whole_px is None else replace(self, viewport_px=self.whole_px, whole_px=None, corner_px=(0, 0))
+        )
+
+    @property
+    def picture_px(self) -> tuple[int, int]:
+        """Size of the whole picture."""
+        return self.viewport_px if self.whole_px is None else self.whole_px
 
     @property
     def aspect(self) -> float:
-        return self.viewport_px[0] / self.viewport_px[1]
+        """Of the whole picture."""
+        return self.picture_px[0] / self.picture_px[1]
 
     @cached_property
     def eye_m(self) -> npt.NDArray[np.float64]:
@@ -58,15 +81,31 @@ class Frame:
     @cached_property
     def pixels_per_radian(self) -> float:
         """K: a length x [m] at distance l [m] covers K x / l pixels."""
-        return self.camera.pixels_per_radian(self.viewport_px[1])
+        return self.camera.pixels_per_radian(self.picture_px[1])
 
     @cached_property
     def side_planes(self) -> npt.NDArray[np.float64]:
-        return self.camera.side_planes(self.aspect)
+        """Unit normals (4, 3) of the left, right, bottom and top planes of this tile, pointing inwards."""
+        if self.whole_px is None:
+            return self.camera.side_planes(self.aspect)
+        x, y, _, w = self.clip_from_eye[:, :3]
+        normals = np.stack([w + x, w - x, w + y, w - y])
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     @cached_property
     def clip_from_eye(self) -> npt.NDArray[np.float64]:
-        return self.camera.clip_from_eye(self.aspect, self.near_m, self.reversed_z)
+        clip = self.camera.clip_from_eye(self.aspect, self.near_m, self.reversed_z)
+        if self.whole_px is not None:
+            whole, size = np.array(self.whole_px), np.array(self.viewport_px)
+            middle = (whole - 2.0 * np.array(self.corner_px) - size) / size
+            clip[:2] = clip[:2] * (whole / size)[:, None] + middle[:, None] * clip[3]
+        return clip
+
+    @cached_property
+    def corners(self) -> npt.NDArray[np.float64]:
+        """Lower left and upper right corner (2, 2) of this tile in the whole picture, -1 to 1."""
+        low = np.array(self.corner_px, np.float64)
+        return np.stack([low, low + self.viewport_px]) / self.picture_px * 2.0 - 1.0
 
 
 @dataclass

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from terrain.cache import load_arrays, store_arrays
 from terrain.heightfield import Heightfield
+from terrain.progress import tell
 
 BASE_LEVEL = 3
 BLOCK_LEVEL = 6
@@ -122,7 +123,10 @@ def build_pyramid(heights_m: Grid) -> Pyramid:
     band = max(1, (1 << 20) // (BLOCK * BLOCK * block_cols))
     starts = range(0, block_rows, band)
     with ThreadPoolExecutor() as pool:
-        bands = list(pool.map(lambda r: _block_bounds(heights_m, r, min(r + band, block_rows)), starts))
+        bands = []
+        for bounds in pool.map(lambda r: _block_bounds(heights_m, r, min(r + band, block_rows)), starts):
+            bands.append(bounds)
+            tell("finding bounds", len(bands) / len(starts))
     minimum, maximum, *errors = (np.concatenate(parts, axis=0) for parts in zip(*bands, strict=True))
 
     top = max(BASE_LEVEL, math.ceil(math.log2(max(cell_rows, cell_cols, 1))))

@@ -21,12 +21,15 @@ import numpy.typing as npt
 
 from terrain import encodings
 from terrain.errors import InputError
+from terrain.progress import Cancelled, tell
 
 Floats32 = npt.NDArray[np.float32]
 
 MAX_SIDE = 8200
 """Posts per side that are read in full: 2^13 + 1 and a little."""
 MAX_POSTS = 70_000_000
+STRIP_POSTS = 1 << 22
+"""Posts read between two words about the progress."""
 MAX_BLOCK_ROW_BYTES = 300 << 20
 """GDAL holds one row of blocks in memory, or decodes each block once per row of posts."""
 MAX_DECODED_BYTES = 4 << 30
@@ -127,7 +130,7 @@ def read_raster(path: Path, encoding: encodings.Encoding | None) -> Raster:
             factor = _reduction(dataset, path)
             try:
                 return _read(dataset, path, factor, encoding)
-            except (InputError, MemoryError):
+            except (InputError, MemoryError, Cancelled):
                 raise
             except Exception as error:
                 raise InputError(
@@ -283,7 +286,24 @@ def _read_numbers(
         raster.notes.append(f"The file has {dataset.count} bands: band 1 was taken as heights.")
     if raster.stored == np.uint8 and dataset.scales[0] == 1.0:
         raster.notes.append("Heights have 8 bits: whole units only, so slopes come in steps.")
-    raster.values = dataset.read(1, out_dtype="float32", **area)
+    raster.values = _read_strips(dataset, area)
+
+
+def _read_strips(dataset: Any, area: dict[str, Any]) -> Floats32:
+    """Band 1 as float32, in strips of whole blocks between which is told how far the reading is."""
+    from rasterio.windows import Window
+
+    (rows, cols), window = area["out_shape"], area["window"]
+    values = np.empty((rows, cols), np.float32)
+    factor = round(window.height / rows)
+    block_rows = dataset.block_shapes[0][0]
+    step = max(1, round(STRIP_POSTS / (cols * block_rows))) * block_rows  # source rows = rows of the grid times factor
+    for row in range(0, rows, step):
+        count = min(step, rows - row)
+        strip = Window(0, row * factor, window.width, min(count * factor, window.height - row * factor))
+        dataset.read(1, window=strip, out=values[row : row + count])
+        tell("reading", (row + count) / rows)
+    return values
 
 
 def _calibrate(dataset: Any, raster: Raster) -> None:

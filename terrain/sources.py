@@ -16,6 +16,7 @@ from terrain.encodings import ENCODINGS, Encoding
 from terrain.errors import InputError
 from terrain.heightfield import Heightfield, fill_holes
 from terrain.placement import DEFAULT_SPACING_M, Placement, flipped, place
+from terrain.progress import tell
 from terrain.raster import Raster, read_raster
 from terrain.raw import RAW_SUFFIXES, apply_beside, read_beside, read_npy, read_npz, read_raw
 from terrain.unpack import unpacked
@@ -61,6 +62,7 @@ def read_heightfield(
     try:
         _check(path, encoding, spacing_m, height_scale)
         notes: list[str] = []
+        tell("opening")
         with unpacked(path, notes) as file:
             raster = _read(file, encoding, raw)
             if raster.map_from_pixel is None:
@@ -108,6 +110,7 @@ def _read(file: Path, encoding: Encoding | None, raw: str | None) -> Raster:
 
 def _heightfield(raster: Raster, name: str, spacing_m: float | None, height_scale: float) -> Heightfield:
     notes = raster.notes
+    tell("looking for posts without data")
     heights, holes = raster.values, find_voids(raster.values, raster.nodata, notes)
     if raster.masked is not None and raster.masked.any():
         notes.append(f"{int(raster.masked.sum())} posts are masked in the file (transparent or black): holes.")
@@ -126,6 +129,7 @@ def _heightfield(raster: Raster, name: str, spacing_m: float | None, height_scal
     if placement.flip_rows or placement.flip_cols:
         heights[...] = flipped(heights, placement)
     if holes is not None:
+        tell("filling holes")
         holes = np.ascontiguousarray(flipped(holes, placement))
         heights = fill_holes(heights, holes)
     low, high = float(heights.min()), float(heights.max())

@@ -167,8 +167,10 @@ class Stage:
             self._targets[kind] = target = create_target(self.gpu, size_px, kind)
         return target
 
-    def draw(self, frame: Frame, target: Target, view: View = "shaded") -> FrameStats:
+    def draw(self, frame: Frame, target: Target, view: View = "shaded", choose: bool = True) -> FrameStats:
         """Choose and draw one frame into ``target``: terrain, sky, water and what the view adds.
+
+        Without ``choose`` what was chosen before is drawn again: a picture in tiles is chosen once, for the whole.
 
         Returns
         -------
@@ -176,7 +178,7 @@ class Stage:
             The renderer's, with ``select_ms`` and ``submit_ms`` of this frame and, on hardware, ``gpu_ms`` of a frame
             shortly before.
         """
-        stats = self._prepare(frame)
+        stats = self._prepare(frame, choose)
         begin = time.perf_counter()
         with self._timer.measure() if self._timer is not None else nullcontext():
             self._draw_view(frame, target, view)
@@ -190,7 +192,7 @@ class Stage:
         self._draw_surface(frame, target)
         return stats
 
-    def _prepare(self, frame: Frame) -> FrameStats:
+    def _prepare(self, frame: Frame, choose: bool = True) -> FrameStats:
         """Everything before the first draw call of a frame: switches, state, bakes, selection, uniforms."""
         self._activate()
         self.gpu.prepare_state()
@@ -198,9 +200,9 @@ class Stage:
         if key != self._baked:
             self._ground.bake(self.look.palette, self._uniforms, self._block)
             self._baked = key
-        if self.frozen is None:
+        if self.frozen is None and choose:
             begin = time.perf_counter()
-            self.renderer.select(frame)
+            self.renderer.select(frame.whole)
             self.renderer.stats.select_ms = (time.perf_counter() - begin) * 1e3
         self._ground.bind()
         self._block.write(frame, self.scene.heightfield, self._uniforms)

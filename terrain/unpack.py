@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from terrain.errors import InputError
+from terrain.progress import tell
 
 MAX_UNPACKED_BYTES = 1 << 30
 _MAX_ENTRIES = 100_000
@@ -114,6 +115,7 @@ def _copy(stream: IO[bytes], target: Path, limit: int, path: Path) -> None:
             if left < 0:
                 raise _too_large(path)
             file.write(block)
+            tell("unpacking", 1.0 - left / limit)
 
 
 def _too_large(path: Path) -> InputError:

@@ -66,15 +66,20 @@ def write_flight(flight: Flight, path: str | os.PathLike[str], overwrite: bool =
     InputError
         If the file exists and may not be replaced, or the disk refuses.
     """
-    path = Path(path)
+    write_text(Path(path), _format(flight), overwrite)
+
+
+def write_text(path: Path, text: str, overwrite: bool = False) -> None:
+    """Write a text file under a temporary name and rename it; raises as `write_flight` does."""
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     is_claimed = False
     try:
-        temporary.write_text(_format(flight), encoding="utf-8")
-        if not overwrite:
-            path.touch(exist_ok=False)  # claims the name: of two processes only one gets past this line
-            is_claimed = True
-        temporary.replace(path)
+        temporary.write_text(text, encoding="utf-8")
+        if overwrite or not _linked(temporary, path):
+            if not overwrite:
+                path.touch(exist_ok=False)  # claims the name: of two processes only one gets past this line
+                is_claimed = True
+            temporary.replace(path)
     except FileExistsError:
         raise InputError(f"{path} exists already and is not overwritten. Choose another name.") from None
     except OSError as error:
@@ -99,6 +104,17 @@ def numbered_path(path: str | os.PathLike[str]) -> Path:
     except OSError:
         taken = []  # the writer says what is wrong with the folder
     return path.with_name(f"{stem}-{max(taken, default=0) + 1}{dot}{suffix}")
+
+
+def _linked(temporary: Path, path: Path) -> bool:
+    """Give a whole file its name in one step, unless the name is taken; False where the disk knows no links."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:
+        return False
+    return True
 
 
 def _parse(record: dict[str, Any]) -> Flight:

@@ -26,6 +26,8 @@ Floats = npt.NDArray[np.float64]
 
 _CUT_S = 1e-6  # keyframes closer in time than this are a cut
 _FAR_M = 1e12  # beyond this, float64 squares and sums are no longer worth trusting
+_WAY_SAMPLES = 64  # in every segment
+_TURN_SHARE = 0.5  # of the flight's mean speed: how much way a turn of one radian a second counts
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,23 @@ class Flight:
         shift = (float(col) * heightfield.spacing_m[0], 0.0, float(row) * heightfield.spacing_m[1])
         keys = tuple(replace(key, camera=_moved(key.camera, shift)) for key in self.keyframes)
         return replace(self, keyframes=keys, terrain=heightfield.name, origin=origin_of(heightfield))
+
+    @cached_property
+    def way(self) -> tuple[Floats, Floats]:
+        """Times (n,) from 0 to the end [s], and the way covered until each: metres, and turns counted as metres."""
+        keys = np.r_[0.0, self._track.t]
+        parts = np.linspace(keys[:-1], keys[1:], _WAY_SAMPLES, endpoint=False).T  # (segments, samples)
+        times = np.r_[parts.ravel(), keys[-1]]
+        position, quaternion, _ = self._track.sample(times)
+        step_m, turn_rad = (
+            np.linalg.norm(np.diff(position, axis=0), axis=1),
+            _turns_rad(quaternion[:-1], quaternion[1:]),
+        )
+        is_cut = np.repeat(np.diff(keys) < _CUT_S, _WAY_SAMPLES)
+        step_m[is_cut] = turn_rad[is_cut] = 0.0
+        mean_m_s = step_m.sum() / max(self.duration_s, _CUT_S)
+        weight_m = _TURN_SHARE * mean_m_s if mean_m_s > 0.0 else 1.0
+        return times, np.r_[0.0, np.cumsum(step_m + weight_m * turn_rad)]
 
     @cached_property
     def _track(self) -> _Track:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -46,19 +49,29 @@ class FlightRecorder:
         """
         if not self._samples:
             raise ValueError("expected at least one sample before the end of a recording, found none")
-        start_s = self._samples[0].t_s
-        samples = tuple(Keyframe(sample.t_s - start_s, sample.camera) for sample in self._samples)
-        times, flown = np.array([sample.t_s for sample in samples]), Flight(samples)
-        kept = np.zeros(times.size, np.bool_)
-        kept[[0, -1]] = True
-        while True:
-            flight = make_flight([samples[i] for i in np.flatnonzero(kept)], name, self.heightfield)
-            distance_m, angle_deg, fov_deg = flight.differences(flown, times)
-            excess = np.maximum(distance_m / self.tolerance_m, np.maximum(angle_deg, fov_deg) / self.tolerance_deg)
-            worst = _worst_between(kept, np.where(kept, 0.0, excess))
-            if not worst.size:
-                return flight
-            kept[worst] = True
+        flown = make_flight(rebased(self._samples), name, self.heightfield)
+        return reduce_flight(flown, self.tolerance_m, self.tolerance_deg)
+
+
+def rebased(samples: Sequence[Keyframe]) -> tuple[Keyframe, ...]:
+    """The same samples, the first at time 0."""
+    return tuple(Keyframe(sample.t_s - samples[0].t_s, sample.camera) for sample in samples)
+
+
+def reduce_flight(flown: Flight, tolerance_m: float, tolerance_deg: float) -> Flight:
+    """The flight with the fewest of its keyframes found that stays within the tolerances of all of them."""
+    keys = flown.keyframes
+    times = np.array([key.t_s for key in keys])
+    kept = np.zeros(times.size, np.bool_)
+    kept[[0, -1]] = True
+    while True:
+        flight = replace(flown, keyframes=tuple(keys[i] for i in np.flatnonzero(kept)))
+        distance_m, angle_deg, fov_deg = flight.differences(flown, times)
+        excess = np.maximum(distance_m / tolerance_m, np.maximum(angle_deg, fov_deg) / tolerance_deg)
+        worst = _worst_between(kept, np.where(kept, 0.0, excess))
+        if not worst.size:
+            return flight
+        kept[worst] = True
 
 
 def _worst_between(kept: npt.NDArray[np.bool_], excess: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:

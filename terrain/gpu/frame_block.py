@@ -79,7 +79,9 @@ def pack_frame(frame: Frame, heightfield: Heightfield, look: Look) -> np.ndarray
     block["eye_height"] = (high, y - np.float64(high), frame.near_m, frame.pixels_per_radian)
     block["grid"] = (heightfield.cols, heightfield.rows, dx, dz)
     block["viewport"] = (width, height, 1.0 / width, 1.0 / height)
-    corner = np.array([[-1, -1], [1, -1], [-1, 1]]) * np.tan(np.radians(frame.camera.fov_deg) / 2) * [frame.aspect, 1]
+    (left, bottom), (right, top) = frame.corners
+    corner = np.array([[left, bottom], [right, bottom], [left, top]])
+    corner *= np.tan(np.radians(frame.camera.fov_deg) / 2) * np.array([frame.aspect, 1.0])
     view = np.concatenate([corner, -np.ones((3, 1))], axis=1) @ frame.camera.view_from_eye()
     block["ray"][:, :3] = view[0], view[1] - view[0], view[2] - view[0]  # lower left, then across, then up
     for field in fields(look):

@@ -8,7 +8,7 @@ contract tests, the chart and the stability suite.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,10 @@ class Settings:
     tolerance_px: float = setting(
         1.0, "Tolerance", "Allowed geometric error on the screen.", unit="px", range=(0.25, 16.0)
     )
+
+    def unhurried(self) -> Self:
+        """These settings without what depends on earlier frames (animation, budgets): for films and large pictures."""
+        return self
 
 
 class Boxes(NamedTuple):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import moderngl
 import numpy as np
@@ -51,6 +51,10 @@ class GeomorphSettings(base.Settings):
     )  # fmt: skip
     budget_triangles: int = setting(100_000, "Triangle budget", "Triangles per frame.", range=(1_000, 2_000_000))
     budget_ms: float = setting(16.0, "Time budget", "Milliseconds per frame.", unit="ms", range=(1.0, 200.0))
+
+    def unhurried(self) -> Self:
+        driver = self.driver if self.driver == "off" else "distance"
+        return replace(self, driver=driver, starts_per_frame=65536, budget="off")
 
 
 class GeomorphRenderer:

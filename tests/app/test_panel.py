@@ -180,14 +180,14 @@ def test_buttons_do_what_they_say(ui, tmp_path):
     def steps(ctx):
         ctx.set_ref(PANEL)
         ctx.item_click("Record")
-        assert ui.session.recorder is not None
+        assert ui.session.flights.recorder is not None
         ctx.item_click("Stop")
-        assert ui.session.recorder is None
+        assert ui.session.flights.recorder is None
         assert len(list(tmp_path.glob("*.flight.json"))) == 1
         ctx.item_click("Play")
-        assert ui.session.replay_s is not None
-        ctx.item_click("Stop##replay")
-        assert ui.session.replay_s is None
+        assert ui.session.flights.is_playing
+        ctx.item_click("Pause")
+        assert not ui.session.flights.is_playing
         ctx.item_click("Picture")
         assert len(list(tmp_path.glob("*.png"))) == 1
         ctx.item_click("Home")
@@ -248,9 +248,9 @@ def test_keys_freeze_record_play_save_frame_and_help(ui, tmp_path):
         press("R")
         assert len(list(tmp_path.glob("*.flight.json"))) == 1
         press("P")
-        assert session.replay_s is not None
+        assert session.flights.is_playing
         press("Escape")
-        assert session.replay_s is None
+        assert not session.flights.is_playing
         press("F12")
         press("F12")
         assert len(list(tmp_path.glob("*.png"))) == 2
@@ -383,11 +383,11 @@ def test_replay_stops_when_one_flies(ui):
         clear_focus(ctx)
         ctx.key_press(imgui.Key.p)
         ctx.yield_(5)
-        assert ui.session.replay_s > 0.0
+        assert ui.session.flights.time_s > 0.0
         ctx.key_down(imgui.Key.d)
         ctx.yield_(3)
         ctx.key_up(imgui.Key.d)
-        assert ui.session.replay_s is None
+        assert not ui.session.flights.is_playing
 
     ui.run(steps)
 

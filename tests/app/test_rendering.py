@@ -33,7 +33,7 @@ def test_every_sink_gets_every_picture_in_order(session):
 
     sinks = [Sink(), Sink()]
     times_s = [0.0, 1.0, 2.0]
-    cameras = [session.flight.camera_at(time_s) for time_s in times_s]
+    cameras = [session.flights.camera_at(time_s) for time_s in times_s]
     write_pictures(draw_pictures(session.stage, cameras, times_s, (32, 18), "shaded"), 3, sinks, "Testing")
     assert [picture.shape for picture in sinks[0]] == [(18, 32, 3)] * 3
     assert all(np.array_equal(a, b) for a, b in zip(*sinks, strict=True))

@@ -41,41 +41,40 @@ def test_a_new_size_draws_again_and_no_area_draws_nothing(session):
 
 
 def test_replay_goes_along_the_flight_at_any_frame_rate(session):
-    session.toggle_replay()
+    session.flights.toggle_playing()
     for _ in range(7):
         session.advance(NOTHING, 0.1)
     coarse = session.camera
-    session.toggle_replay()
-    session.toggle_replay()
+    session.flights.seek(0.0)
     for _ in range(70):
         session.advance(NOTHING, 0.01)
     assert session.camera.position_m == pytest.approx(coarse.position_m)
 
 
 def test_replay_ends_at_the_end(session):
-    session.toggle_replay()
-    session.advance(NOTHING, session.flight.duration_s + 1.0)
-    assert session.replay_s is None
-    assert session.camera == session.flight.camera_at(session.flight.duration_s)
+    session.flights.toggle_playing()
+    session.advance(NOTHING, session.flights.duration_s + 1.0)
+    assert not session.flights.is_playing
+    assert session.camera == session.flights.camera_at(session.flights.duration_s)
 
 
 def test_recorded_flight_replays_what_was_flown(session, tmp_path):
     start = session.camera
-    session.toggle_recording()
+    session.flights.toggle_recording()
     for _ in range(60):
         session.advance(FORWARD, 1 / 60)
     end = session.camera
-    session.toggle_recording()
+    session.flights.toggle_recording()
     assert len(list(tmp_path.glob("*.flight.json"))) == 1
     length = np.linalg.norm(end.eye_m - start.eye_m)
-    assert session.flight.camera_at(0.0).eye_m == pytest.approx(start.eye_m, abs=0.01 * length)
-    assert session.flight.camera_at(session.flight.duration_s).eye_m == pytest.approx(end.eye_m, abs=0.01 * length)
+    assert session.flights.camera_at(0.0).eye_m == pytest.approx(start.eye_m, abs=0.01 * length)
+    assert session.flights.camera_at(session.flights.duration_s).eye_m == pytest.approx(end.eye_m, abs=0.01 * length)
 
 
 def test_closing_saves_an_unfinished_recording(session, tmp_path):
-    session.toggle_recording()
+    session.flights.toggle_recording()
     session.advance(FORWARD, 0.1)
-    session.save_recording()
+    session.flights.save_recording()
     assert len(list(tmp_path.glob("*.flight.json"))) == 1
 
 

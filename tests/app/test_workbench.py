@@ -265,23 +265,23 @@ def test_the_strip_is_measured_and_a_click_goes_there(ui, monkeypatch):
         ctx.item_click("Check the flight")
         wait(ui, ctx)
         ctx.item_click("##Strip")  # its middle
-        assert session.flight_s == pytest.approx(session.flight.duration_s / 2, rel=0.02)
-        assert session.camera == session.flight.camera_at(session.flight_s)
+        assert session.flights.time_s == pytest.approx(session.flights.duration_s / 2, rel=0.02)
+        assert session.camera == session.flights.camera_at(session.flights.time_s)
         ctx.item_input_value("##Timeline", 1.0)
-        assert session.camera == session.flight.camera_at(1.0)
+        assert session.camera == session.flights.camera_at(1.0)
 
     ui.run(steps)
     assert [frame.holes_px for frame in lab.strip] == [0] * 6
-    assert lab.strip[-1].time_s == session.flight.duration_s
+    assert lab.strip[-1].time_s == session.flights.duration_s
 
 
 def test_replay_goes_on_from_where_the_timeline_was_clicked(ui):
     session = ui.session
-    session.toggle_replay()
-    session.seek(2.0)
+    session.flights.toggle_playing()
+    session.flights.seek(2.0)
     ui.frame()
-    assert 2.0 < session.replay_s < 2.5
-    assert session.flight_s == session.replay_s
+    assert 2.0 < session.flights.time_s < 2.5
+    assert session.flights.time_s == session.flights.time_s
 
 
 def test_a_strip_with_trouble_is_drawn(ui):

@@ -1,0 +1,60 @@
+"""At what pace a flight is played: as its keyframes are timed, at constant speed, or starting and ending softly.
+
+A pace maps the time of playback to a time of the flight; the way and the duration stay the same. It is a pure function,
+so that preview, film and picture show the same at equal times, whatever the frame rate.
+
+Speed counts turns as well as metres (`Flight.way`): a camera that only turns is not skipped.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from terrain.flight.path import Flight
+
+Pace = Literal["timed", "constant", "eased"]
+PACES: dict[Pace, str] = {
+    "timed": "As the keyframes are timed.",
+    "constant": "At the same speed all the way.",
+    "eased": "At the same speed, with a soft start and a soft end.",
+}
+_EASE = 0.2  # share of the time in which the speed rises, and in which it falls
+
+
+def flight_time(flight: Flight, pace: Pace, played_s: float) -> float:
+    """The time of the flight shown ``played_s`` seconds into its playback [s]."""
+    duration_s = flight.duration_s
+    if pace == "timed" or duration_s <= 0.0:
+        return played_s
+    share = min(max(played_s / duration_s, 0.0), 1.0)
+    if pace == "eased":
+        share = eased(share)
+    times, way = flight.way
+    if way[-1] <= 0.0:  # nothing moves
+        return share * duration_s
+    return float(np.interp(share * way[-1], way, times))
+
+
+def played_time(flight: Flight, pace: Pace, time_s: float) -> float:
+    """The inverse of `flight_time`: when a moment of the flight is shown [s]."""
+    duration_s = flight.duration_s
+    if pace == "timed" or duration_s <= 0.0:
+        return time_s
+    times, way = flight.way
+    share = float(np.interp(time_s, times, way)) / way[-1] if way[-1] > 0.0 else time_s / duration_s
+    if pace == "eased":
+        shares = np.linspace(0.0, 1.0, 1025)
+        share = float(np.interp(share, [eased(s) for s in shares.tolist()], shares))
+    return share * duration_s
+
+
+def eased(share: float) -> float:
+    """Share of the way at a share of the time: the speed rises and falls linearly over `_EASE` of the time."""
+    top = 1.0 / (1.0 - _EASE)  # the speed between, so that all of the way is covered
+    if share < _EASE:
+        return 0.5 * top / _EASE * share * share
+    if share > 1.0 - _EASE:
+        return 1.0 - eased(1.0 - share)
+    return top * (share - 0.5 * _EASE)
