@@ -130,7 +130,10 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--view", metavar="NAME", default="shaded", help="shaded, or a debug view (wireframe, levels ...)"
     )
-    group.add_argument("--texture", metavar="IMG", type=Path, help="an image to drape over the terrain")
+    group.add_argument(
+        "--texture", metavar="IMG", type=Path, action="append", default=[],
+        help="an image to lay on the terrain, of any size; as often as needed, each over those before it",
+    )  # fmt: skip
     group.add_argument(
         "--exaggeration", metavar="K", type=positive, default=1.0, help="factor to the heights, in the picture only"
     )

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from app import arguments, laboratory
-from app.opening import open_stage, open_terrain, read_drawing, read_texture
+from app.opening import close_images, open_images, open_stage, open_terrain, read_drawing
 from terrain.errors import InputError
 
 DEFAULT_SCENE = "alps"
@@ -61,7 +62,10 @@ def render(args: argparse.Namespace) -> None:
     heightfield = open_terrain(args)
     cameras, times_s = _render_cameras(args, heightfield, is_single)
     gpu = create_offscreen_gpu()
-    stage = open_stage(gpu, heightfield, drawing, read_texture(drawing, heightfield))
+    images = open_images(drawing, heightfield)
+    stage = open_stage(gpu, heightfield, drawing, images)
+    for image in images:
+        print("\n".join(f"{image.name}: {note}" for note in image.notes))
     try:
         if args.out is not None:
             with open_sink(args.out, size_px, args.fps, args.overwrite) as sink:
@@ -75,8 +79,11 @@ def render(args: argparse.Namespace) -> None:
         if args.positions is not None:
             save_array(args.positions, stage.positions(cameras[0], size_px), args.overwrite)
             print(f"Wrote {args.positions}: world positions [m] of {size_px[0]}x{size_px[1]} pixels.")
+        for message in stage.trees.take_messages():
+            print(message, file=sys.stderr)
     finally:
         stage.release()
+        close_images(images)
 
 
 def info(args: argparse.Namespace) -> None:
@@ -226,7 +233,8 @@ def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, 
     gpu = create_offscreen_gpu()
     flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
     times_s = flight_times(flight.duration_s, TOUR_FRAMES, TOUR_FPS)
-    stage = open_stage(gpu, heightfield, drawing, read_texture(drawing, heightfield))
+    images = open_images(drawing, heightfield)
+    stage = open_stage(gpu, heightfield, drawing, images)
     folder = numbered_path(Path(f"{heightfield.name}-tour"))
     try:
         with FrameFolder(folder) as frames, Film(folder / "flight.mp4", size_px, TOUR_FPS) as film:
@@ -235,6 +243,7 @@ def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, 
             write_pictures(pictures, len(times_s), [frames, film], "Filming")
     finally:
         stage.release()
+        close_images(images)
     print(
         f"Wrote {folder / 'flight.mp4'} and {len(times_s)} frames beside it ({heightfield.name}, "
         f"{drawing.algorithm}, {size_px[0]}x{size_px[1]})."

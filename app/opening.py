@@ -6,6 +6,7 @@ import argparse
 import difflib
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,7 @@ class Drawing:
     settings: Any
     look: Any
     view: Any
-    texture: Path | None
+    textures: tuple[Path, ...]
     exaggeration: float
 
 
@@ -101,7 +102,7 @@ def read_drawing(args: argparse.Namespace) -> Drawing:
     if args.tolerance is not None:
         tolerance = next(field for field in fields(settings) if field.name == "tolerance_px")
         settings = replace(settings, tolerance_px=read_value(tolerance, str(args.tolerance)))
-    return Drawing(algorithm, settings, look, args.view, args.texture, args.exaggeration)
+    return Drawing(algorithm, settings, look, args.view, tuple(args.texture), args.exaggeration)
 
 
 def default_algorithm() -> str:
@@ -111,17 +112,36 @@ def default_algorithm() -> str:
     return PREFERRED if PREFERRED in RENDERERS else next(iter(RENDERERS))
 
 
-def read_texture(drawing: Drawing, heightfield: Heightfield) -> Any:
-    """The image to drape over ``heightfield``, or None where none is asked for."""
-    if drawing.texture is None:
-        return None
-    from terrain.textures.drape import read_drape
+def open_images(drawing: Drawing, heightfield: Heightfield) -> list[Any]:
+    """The images to lay on ``heightfield``; whoever opens them closes them, after the stage that shows them.
 
-    return read_drape(drawing.texture, heightfield)
+    Raises
+    ------
+    InputError
+        If one of them is no image, or lies beside the terrain.
+    """
+    if not drawing.textures:
+        return []
+    from terrain.textures.image_source import ImageSource
+
+    images: list[Any] = []
+    try:
+        for path in drawing.textures:
+            images.append(ImageSource(path, heightfield))
+    except InputError:
+        close_images(images)
+        raise
+    return images
 
 
-def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, drape: Any = None) -> Any:
-    """A stage that draws ``heightfield`` as asked, with the image ``drape`` over it."""
+def close_images(images: Sequence[Any]) -> None:
+    """Let go of their files and threads."""
+    for image in images:
+        image.close()
+
+
+def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, images: Sequence[Any] = ()) -> Any:
+    """A stage that draws ``heightfield`` as asked, with ``images`` on it."""
     from terrain.scene import open_scene
     from terrain.stage import Stage
     from terrain.synthetic.slabs import planes_beside
@@ -130,8 +150,11 @@ def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, drape: Any 
     if drawing.exaggeration != 1.0:
         scene = scene.exaggerated(drawing.exaggeration)
     stage = Stage(gpu, scene, drawing.algorithm, drawing.settings, drawing.look)
-    if drape is not None:
-        stage.set_drape(drape)
+    try:
+        stage.set_images(images)
+    except InputError:
+        stage.release()
+        raise
     return stage
 
 

@@ -32,19 +32,23 @@ def flight_times(duration_s: float, frames: int | None, fps: int) -> list[float]
 def draw_bands(
     stage: Any, camera: Camera, size_px: tuple[int, int], view: Any, time_s: float = 0.0, tile_px: int = TILE_PX
 ) -> Iterator[Picture | None]:
-    """One picture as bands of rows from the top, and None after each tile but a band's last."""
+    """One picture as bands of rows from the top, and None after each tile but a band's last and while images load."""
+    frame = stage.frame(camera, size_px, time_s)
     if max(size_px) <= tile_px:
+        while not stage.load_tiles(frame):
+            yield None
         yield stage.render(camera, size_px, view, time_s)
         return
     if max(size_px) > LARGEST_CALIBRATED_PX:
         stage.render(camera, (TILE_PX, max(TILE_PX * size_px[1] // size_px[0], 1)), view, time_s)
-    frame = stage.frame(camera, size_px, time_s)
     columns, rows = (_split(length, tile_px) for length in size_px)
     is_first = True
     for bottom, top in reversed(rows):
         parts = []
         for left, right in columns:
             tile = frame.tile((left, bottom), (right - left, top - bottom))
+            while not stage.load_tiles(tile):
+                yield None
             target = stage.target(tile.viewport_px)
             stage.draw(tile, target, view, choose=is_first)
             is_first = False

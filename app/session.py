@@ -21,7 +21,7 @@ from app.experiments import Experiments
 from app.exporter import Exporter
 from app.flights import Flights
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
-from app.opening import Drawing, open_stage, read_texture
+from app.opening import Drawing, close_images, open_images, open_stage
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
 from terrain.errors import InputError
@@ -65,8 +65,8 @@ class Session:
     ) -> None:  # fmt: skip
         self.gpu, self.folder = gpu, folder
         self.preferences = PreferenceFile() if preferences is None else preferences
-        self._drape = read_texture(drawing, heightfield)
-        self.stage: Stage = open_stage(gpu, heightfield, drawing, self._drape)
+        self._images = open_images(drawing, heightfield)
+        self.stage: Stage = open_stage(gpu, heightfield, drawing, self._images)
         self.view: Any = drawing.view
         self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
@@ -111,7 +111,7 @@ class Session:
     @property
     def is_still(self) -> bool:
         """Whether the picture stays as it is until somebody does something."""
-        busy = self.flights.recorder is not None or self.flights.is_playing
+        busy = self.flights.recorder is not None or self.flights.is_playing or self.stage.is_loading
         return not busy and self.motion.at_rest and self.clock_s - self._changed_s > SETTLE_S
 
     @property
@@ -181,6 +181,8 @@ class Session:
         frame = self.stage.frame(self.camera, size_px, self.clock_s)
         begin = time.perf_counter()
         self.stats = self.stage.draw(frame, self.picture, self.view)
+        for message in self.stage.trees.take_messages():
+            self.say(message)
         if self.gpu.is_software:
             self.gpu.ctx.finish()  # a software rasteriser's time is only known when it has finished
         self.frame_ms.append(1e3 * (time.perf_counter() - begin))
@@ -256,8 +258,7 @@ class Session:
 
     def _make_stage(self, scene: Scene, algorithm: str, settings: Any, look: Any) -> Stage:
         stage = Stage(self.gpu, scene, algorithm, settings, look)
-        if self._drape is not None:
-            stage.set_drape(self._drape)
+        stage.set_images(self._images)
         return stage
 
     @contextmanager
@@ -349,3 +350,4 @@ class Session:
         if self.picture is not None:
             self.picture.release()
         self.stage.release()
+        close_images(self._images)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import fields, replace
 from typing import Any
@@ -16,6 +17,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from terrain.algorithms.culling import Culler
 from terrain.camera import Camera
 from terrain.frame import Frame, FrameStats, Output
 from terrain.gpu.context import Gpu
@@ -28,15 +30,17 @@ from terrain.heightfield import Diagonal
 from terrain.renderers import RENDERERS
 from terrain.renderers.base import Renderer
 from terrain.scene import Scene
-from terrain.textures.drape import DrapeImage
 from terrain.textures.ground import Ground
 from terrain.textures.look import LookSettings, look_uniforms, shading_defines
 from terrain.textures.sky import Sky
+from terrain.textures.tree import TileSource
+from terrain.textures.trees import Trees
 from terrain.views import Overlays, View, overdraw_figures
 
 # Views of what a fragment writes; all others draw over the shaded picture.
 _OUTPUTS: dict[View, Output] = {"levels": "levels", "normals": "normals", "overdraw": "overdraw"}
 LEAST_NEAR_M = 1e-4
+FINEST_GROUND, GROUND_SPLIT = 3, 8.0  # visible ground in boxes of 8 cells, or an eighth of their distance
 _BACKDROP = (0.09, 0.10, 0.12, 1.0)  # behind the terrain where there is no sky
 
 
@@ -62,6 +66,8 @@ class Stage:
     look : LookSettings
     frozen : Frame or None
         The frame for which what is drawn was chosen, while the selection is frozen.
+    trees : Trees
+        The texture trees of what lies on the terrain.
     """
 
     def __init__(
@@ -70,11 +76,13 @@ class Stage:
     ) -> None:  # fmt: skip
         self.gpu, self.scene, self.look = gpu, scene, look
         self.frozen: Frame | None = None
-        self._drape: DrapeImage | None = None
         self._baked: tuple[Any, ...] | None = None
-        self._uniforms = look_uniforms(look, scene.heightfield, None)
+        self._uniforms = look_uniforms(look, scene.heightfield)
         self._block = FrameBlock(gpu)
         self._ground = Ground(gpu, scene.heightfield)
+        terrain = scene.heightfield
+        self.trees = Trees(gpu, terrain.spacing_m, (terrain.cols, terrain.rows), look.texture_budget_mib << 20)
+        self._culler: Culler | None = None  # of visible ground, for what lies on it
         self._overlays = Overlays(gpu)
         self._sky = Sky(gpu)
         self._water = Geometry(gpu, "fullscreen", "water")
@@ -98,7 +106,7 @@ class Stage:
         programs.defines.pop("HOLES", None)
         if self.scene.heightfield.holes is not None:
             programs.defines["HOLES"] = 1
-        programs.shading_defines = shading_defines(self.look, self._drape)
+        programs.shading_defines = shading_defines(self.look, self.trees.count)
 
     def set_renderer(self, algorithm: str, settings: Any = None) -> None:
         """Switch to an algorithm, or give the current one other settings; it is rebuilt only where it must be.
@@ -121,15 +129,22 @@ class Stage:
 
     def set_look(self, look: LookSettings) -> None:
         """Change the look; what must be baked again is baked with the next frame."""
+        if look.texture_budget_mib != self.look.texture_budget_mib:
+            self.trees.set_budget(look.texture_budget_mib << 20)
         self.look = look
-        self._uniforms = look_uniforms(look, self.scene.heightfield, self._drape)
+        self._uniforms = look_uniforms(look, self.scene.heightfield)
 
-    def set_drape(self, image: DrapeImage | None) -> None:
-        """Drape an image over the terrain, or take it away."""
-        self._ground.set_drape(image)
-        self._drape = image
-        self._baked = None
-        self.set_look(self.look)
+    def set_images(self, sources: Sequence[TileSource]) -> None:
+        """Lay images on the terrain, each over those before it, instead of what lay there."""
+        for number in range(self.trees.count):
+            self.trees.remove(number)
+        for source in sources:
+            self.trees.add(source)
+
+    @property
+    def is_loading(self) -> bool:
+        """Whether the next picture will be another though nothing moves, since tiles are being read."""
+        return self.trees.is_loading
 
     def freeze(self, frame: Frame) -> None:
         """Keep what is chosen for ``frame`` until `thaw`, wherever one flies; its frustum is drawn."""
@@ -179,6 +194,7 @@ class Stage:
             shortly before.
         """
         stats = self._prepare(frame, choose)
+        self._stream_tiles(frame, stats)
         begin = time.perf_counter()
         with self._timer.measure() if self._timer is not None else nullcontext():
             self._draw_view(frame, target, view)
@@ -196,9 +212,9 @@ class Stage:
         """Everything before the first draw call of a frame: switches, state, bakes, selection, uniforms."""
         self._activate()
         self.gpu.prepare_state()
-        key = (self.look.palette, self.look.sun_azimuth_deg, self.look.sun_elevation_deg)
+        key = (self.look.palette, self.look.sun_azimuth_deg, self.look.sun_elevation_deg, self.trees.count > 0)
         if key != self._baked:
-            self._ground.bake(self.look.palette, self._uniforms, self._block)
+            self._ground.bake(self.look.palette, self._uniforms, self._block, with_light=self.trees.count > 0)
             self._baked = key
         if self.frozen is None and choose:
             begin = time.perf_counter()
@@ -207,6 +223,36 @@ class Stage:
         self._ground.bind()
         self._block.write(frame, self.scene.heightfield, self._uniforms)
         return self.renderer.stats
+
+    def load_tiles(self, frame: Frame, within_s: float = 0.02) -> bool:
+        """Read on for a moment what a frame needs of images; whether all of it is there.
+
+        Raises
+        ------
+        InputError
+            If nothing at all of an image can be read.
+        """
+        if self.trees.count:
+            self._update_trees(frame)
+            if self.trees.is_loading:
+                self.trees.wait(within_s)
+                return False
+            self.trees.check()
+        return True
+
+    def _stream_tiles(self, frame: Frame, stats: FrameStats) -> None:
+        """Bring what lies on the terrain up to date for what can be seen of it, and bind it."""
+        if self.trees.count:
+            self._update_trees(frame)
+            self.trees.bind()
+            stats.extra = {**stats.extra, **self.trees.figures}
+
+    def _update_trees(self, frame: Frame) -> None:
+        if self._culler is None:
+            self._culler = Culler(self.scene, FINEST_GROUND)
+        chosen_for = self.frozen or frame
+        boxes = self._culler.boxes(self._culler.select(chosen_for, split_ratio=GROUND_SPLIT))
+        self.trees.update(chosen_for, *boxes, self.look.texture_tolerance_px2)
 
     def _draw_surface(self, frame: Frame, target: Target) -> None:
         target.framebuffer.use()
@@ -267,9 +313,11 @@ class Stage:
     def render(
         self, camera: Camera, size_px: tuple[int, int], view: View = "shaded", time_s: float = 0.0
     ) -> npt.NDArray[np.uint8]:
-        """A picture (height, width, 3) uint8, sRGB, row 0 at the top."""
-        target = self.target(size_px)
-        self.draw(self.frame(camera, size_px, time_s), target, view)
+        """A picture (height, width, 3) uint8, sRGB, row 0 at the top, with all that images have to show."""
+        target, frame = self.target(size_px), self.frame(camera, size_px, time_s)
+        while not self.load_tiles(frame):
+            pass
+        self.draw(frame, target, view)
         return np.ascontiguousarray(target.read()[..., :3])
 
     def positions(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> npt.NDArray[np.float64]:
@@ -326,5 +374,5 @@ class Stage:
         self.renderer.release()
         for target in self._targets.values():
             target.release()
-        for part in (self._overlays, self._sky, self._water, self._ground, self._block):
+        for part in (self._overlays, self._sky, self._water, self._ground, self.trees, self._block):
             part.release()

@@ -15,7 +15,7 @@ layout(std140) uniform Frame {
     vec4 u_horizon;
     vec4 u_contour;        // x: interval [m]; y: every n-th is bold; z: line width [px]; w: exaggeration of heights
     vec4 u_water;          // x: level [m]; y: depth [m] at which water turns opaque
-    vec4 u_image_from_post[2];  // rows of the affine map from posts to the draped image; [0].w: its opacity
+    vec4 u_image;          // x: opacity of the images that lie on the terrain
 };
 
 // Height of a post relative to the eye [m]; the subtraction is exact where the two are close.

@@ -5,16 +5,20 @@
 
 uniform sampler2D u_ground;  // tint times light; alpha 0 where there is no data
 
-#ifdef DRAPE
-uniform sampler2D u_drape;  // the image times light; alpha 0 where there is no image
+#ifdef IMAGES
+#include "lib/pages.glsl"
 
-// The draped image over a colour; outside the image its alpha counts as 0.
-vec3 drape_image(vec3 colour, vec2 ground) {
-    vec3 post = vec3(ground * u_grid.xy - 0.5, 1.0);
-    vec2 place = vec2(dot(u_image_from_post[0].xyz, post), dot(u_image_from_post[1].xyz, post));
-    vec4 image = texture(u_drape, place);
-    vec2 inside = step(abs(place - 0.5), vec2(0.5));
-    return mix(colour, image.rgb, image.a * inside.x * inside.y * u_image_from_post[0].w);
+uniform sampler2D u_light;  // bake_light.frag
+const float MOST_LIGHT = 2.0;
+
+// The images, one over the other and all over a colour, lit by the terrain's light.
+vec3 lay_images(vec3 colour, vec2 ground) {
+    vec3 light = MOST_LIGHT * texture(u_light, ground).rgb;
+    for (int tree = 0; tree < IMAGES; tree++) {
+        vec4 image = u_image.x * sample_tree(tree, ground);
+        colour = colour * (1.0 - image.a) + image.rgb * light;
+    }
+    return colour;
 }
 #endif
 
@@ -39,8 +43,8 @@ vec3 draw_contours(vec3 colour, vec3 position_m) {
 vec4 shade(vec3 position_m, vec2 ground) {
     vec4 baked = texture(u_ground, ground);
     vec3 colour = baked.rgb;
-#ifdef DRAPE
-    colour = drape_image(colour, ground);
+#ifdef IMAGES
+    colour = lay_images(colour, ground);
 #endif
 #ifdef CONTOURS
     colour = draw_contours(colour, position_m);

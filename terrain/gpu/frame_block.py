@@ -30,7 +30,7 @@ FRAME_DTYPE = np.dtype(
         ("horizon", np.float32, 4),
         ("contour", np.float32, 4),
         ("water", np.float32, 4),
-        ("drape", np.float32, (2, 4)),
+        ("image", np.float32, 4),
     ]
 )
 
@@ -48,7 +48,7 @@ class Look:
     horizon: tuple[float, ...] = (0.8, 0.9, 1.0, 1.0)
     contour: tuple[float, ...] = (1.0, 5.0, 1.0, 1.0)
     water: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
-    drape: tuple[tuple[float, ...], tuple[float, ...]] = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
+    image: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
 
 
 class FrameBlock:

@@ -15,14 +15,16 @@ from typing import Any
 import moderngl
 
 SHADERS = Path(__file__).resolve().parents[2] / "shaders"
-FRAME_BINDING = 0
+FRAME_BINDING, TREES_BINDING = 0, 1
+_BINDINGS = {"Frame": FRAME_BINDING, "Trees": TREES_BINDING}  # of uniform blocks, by name
 
 # Texture units by sampler name, the same in all programs: what the stage binds, then what renderers bind themselves.
 UNITS = {
     name: unit
     for unit, name in enumerate(
-        ("u_heights", "u_ground", "u_drape", "u_palette", "u_source", "u_previous", "u_packed", "u_pyramid", "u_layers",
-         "u_extra0", "u_extra1", "u_extra2", "u_extra3", "u_coarse", "u_visibility", "u_morph")
+        ("u_heights", "u_ground", "u_light", "u_palette", "u_source", "u_previous", "u_packed", "u_pyramid", "u_layers",
+         "u_extra0", "u_extra1", "u_extra2", "u_extra3", "u_coarse", "u_visibility", "u_morph",
+         "u_pages", "u_atlas")
     )
 }  # fmt: skip
 
@@ -115,7 +117,7 @@ class Programs:
         for name in program:
             member = program[name]
             if isinstance(member, moderngl.UniformBlock):
-                member.binding = FRAME_BINDING
+                member.binding = _BINDINGS[name]
             elif name in UNITS and isinstance(member, moderngl.Uniform):
                 member.value = UNITS[name]
         files = tuple(sorted({*vertex_files, *fragment_files}))

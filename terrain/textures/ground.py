@@ -1,8 +1,8 @@
 """The terrain's own textures: post heights, and what is baked from them.
 
-Baking draws into textures, once per change of sun, palette or image: large-scale visibility of sky and sun on a coarse
-grid, then elevation tint times light in one texel per post, and the draped image times light in one texel per texel.
-A frame only fetches (mip-nearest), whatever the level of detail of the geometry.
+Baking draws into textures, once per change of sun or palette: large-scale visibility of sky and sun on a coarse grid,
+then elevation tint times light in one texel per post and, where images lie on the terrain, their light in another. A
+frame only fetches (mip-nearest), whatever the level of detail of the geometry.
 
 **Source**: the topographic texture of Doellner, Baumann and Hinrichs, *Texturing techniques for terrain visualization*
 (2000).
@@ -23,7 +23,6 @@ from terrain.gpu.context import Gpu
 from terrain.gpu.frame_block import FrameBlock, Look
 from terrain.gpu.programs import UNITS
 from terrain.heightfield import Heightfield
-from terrain.textures.drape import DrapeImage
 from terrain.textures.palettes import read_palette
 
 NADIR = Frame(Camera((0.0, 0.0, 0.0)), (1, 1))  # a bake has no camera
@@ -32,7 +31,7 @@ COARSE_TEXELS = 512  # per side at most: where shadows and open sky are found
 
 
 class Ground:
-    """Heights (R32F, one texel per post) and ground colour (RGBA8 with mip levels) of one height field.
+    """Heights (R32F, one texel per post), ground colour and light on images (RGBA8 with mip levels) of a height field.
 
     Raises
     ------
@@ -66,33 +65,10 @@ class Ground:
         for texture in (self._coarse, self._visibility):
             texture.repeat_x = texture.repeat_y = False
         self._coarse_is_baked = False
-        self._image: moderngl.Texture | None = None
-        self._lit_image: moderngl.Texture | None = None
-        self._drape: DrapeImage | None = None
+        self._light: moderngl.Texture | None = None
 
-    def set_drape(self, drape: DrapeImage | None) -> None:
-        """Upload an image; it appears with the next bake.
-
-        Raises
-        ------
-        InputError
-            If the image is larger than the GPU's textures.
-        """
-        ctx, most = self._gpu.ctx, int(self._gpu.ctx.info["GL_MAX_TEXTURE_SIZE"])
-        if drape is not None and max(drape.pixels.shape[:2]) > most:
-            raise InputError(f"{drape.name}: this GPU takes images of at most {most} texels per side.")
-        for texture in (self._image, self._lit_image):
-            if texture is not None:
-                texture.release()
-        self._image = self._lit_image = None
-        self._drape = drape
-        if drape is not None:
-            size = (drape.pixels.shape[1], drape.pixels.shape[0])
-            self._image = ctx.texture(size, 4, np.ascontiguousarray(drape.pixels).data)
-            self._lit_image = _colour_texture(self._gpu, size)
-
-    def bake(self, palette_name: str, look: Look, block: FrameBlock) -> None:
-        """Fill visibility, ground colour and lit image for a palette and a sun. Leaves ``block`` without a camera."""
+    def bake(self, palette_name: str, look: Look, block: FrameBlock, *, with_light: bool) -> None:
+        """Fill visibility, ground colour and, where images need it, their light. Leaves ``block`` without a camera."""
         gpu, terrain = self._gpu, self._heightfield
         low, high = terrain.height_range_m
         block.write(NADIR, terrain, look)
@@ -118,12 +94,11 @@ class Ground:
         _finish_mips(self.colour)
         colours.release()
 
-        if self._drape is not None and self._image is not None and self._lit_image is not None:
-            self._image.use(UNITS["u_source"])
-            inverse = np.linalg.inv(np.vstack([self._drape.image_from_post, [0.0, 0.0, 1.0]]))[:2]
-            rows = [(*row, 0.0) for row in inverse.tolist()]
-            self._pass("bake_drape", self._lit_image, {"u_post_from_image": rows})
-            _finish_mips(self._lit_image)
+        if with_light:
+            if self._light is None:
+                self._light = _colour_texture(gpu, self.colour.size)
+            self._pass("bake_light", self._light, {})
+            _finish_mips(self._light)
 
     def _pass(
         self, fragment: str, into: moderngl.Texture, uniforms: Mapping[str, object], defines: Mapping[str, int] = NONE
@@ -146,11 +121,11 @@ class Ground:
         """Bind what frames read to its units."""
         self.heights.use(UNITS["u_heights"])
         self.colour.use(UNITS["u_ground"])
-        if self._lit_image is not None:
-            self._lit_image.use(UNITS["u_drape"])
+        if self._light is not None:
+            self._light.use(UNITS["u_light"])
 
     def release(self) -> None:
-        parts = (self.colour, self.heights, self._mask, self._coarse, self._visibility, self._image, self._lit_image)
+        parts = (self.colour, self.heights, self._mask, self._coarse, self._visibility, self._light)
         for part in parts:
             if part is not None:
                 part.release()

@@ -15,7 +15,6 @@ import numpy as np
 from terrain.gpu.frame_block import Look
 from terrain.heightfield import Heightfield
 from terrain.settings import setting
-from terrain.textures.drape import DrapeImage
 from terrain.textures.palettes import PALETTES
 
 BOLD_EVERY = 5  # contour lines: every fifth is an index line, as on maps
@@ -49,7 +48,14 @@ class LookSettings:
     )
     water: bool = setting(False, "Water", "A water surface at one height.")
     water_level_m: float = setting(0.0, "Water level", "Height of the water.", unit="m", range=(-500.0, 9000.0))
-    drape_opacity: float = setting(1.0, "Image opacity", "How much the draped image covers.", range=(0.0, 1.0))
+    image_opacity: float = setting(1.0, "Image opacity", "How much the images cover.", range=(0.0, 1.0))
+    texture_tolerance_px2: float = setting(
+        2.0, "Texel size", "Largest area of an image's texel on the screen; smaller is sharper and loads more.",
+        unit="px²", range=(0.25, 64.0),
+    )  # fmt: skip
+    texture_budget_mib: int = setting(
+        256, "Image memory", "Memory for tiles of images on the graphics card.", unit="MiB", range=(16, 1020)
+    )
 
 
 def sun_direction(look: LookSettings) -> tuple[float, float, float]:
@@ -69,18 +75,18 @@ def automatic_interval_m(relief_m: float) -> float:
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(step * power / wanted)))
 
 
-def shading_defines(look: LookSettings, drape: DrapeImage | None) -> dict[str, Any]:
-    """Compile-time switches of the shading include."""
+def shading_defines(look: LookSettings, images: int) -> dict[str, Any]:
+    """Compile-time switches of the shading include, for a number of images on the terrain."""
     switches = {
         "FOG": look.fog,
         "HEIGHT_FOG": look.fog and look.fog_height_m > 0.0,
         "CONTOURS": look.contours,
-        "DRAPE": drape is not None and look.drape_opacity > 0.0,
+        "IMAGES": images if look.image_opacity > 0.0 else 0,
     }
-    return {name: 1 for name, on in switches.items() if on}
+    return {name: int(value) for name, value in switches.items() if value}
 
 
-def look_uniforms(look: LookSettings, heightfield: Heightfield, drape: DrapeImage | None) -> Look:
+def look_uniforms(look: LookSettings, heightfield: Heightfield) -> Look:
     """The look's part of the frame's uniform block."""
     low, high = heightfield.height_range_m
     relief_m = max(high - low, 1.0)
@@ -88,10 +94,6 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield, drape: DrapeImag
     visibility_m = 1e3 * look.visibility_km or 1.6 * math.hypot(*heightfield.extent_m)
     fog_height_m = max(look.fog_height_m, 1.0) * heightfield.exaggeration
     interval_m = look.contour_interval_m or automatic_interval_m(relief_m / heightfield.exaggeration)
-    across = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
-    if drape is not None:
-        (a, b, c), (d, e, f) = drape.image_from_post.tolist()
-        across = ((a, b, c, look.drape_opacity), (d, e, f, 0.0))
     return Look(
         sun=(*sun_direction(look), 1.0),
         sunlight=(*sunlight, 1.0),
@@ -102,7 +104,7 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield, drape: DrapeImag
         fog=(VISIBLE_CONTRAST / visibility_m, low, 1.0 / fog_height_m, 0.0),
         contour=(interval_m * heightfield.exaggeration, BOLD_EVERY, 1.0, heightfield.exaggeration),
         water=(look.water_level_m * heightfield.exaggeration, min(0.003 * relief_m, 4.0), 0.0, 0.0),
-        drape=across,
+        image=(look.image_opacity, 0.0, 0.0, 0.0),
     )
 
 

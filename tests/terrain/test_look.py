@@ -1,4 +1,4 @@
-"""The look: light, palettes, water, contours and draped images, on terrains whose answer is known."""
+"""The look: light, palettes, water and contours, on terrains whose answer is known."""
 
 from __future__ import annotations
 
@@ -6,24 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import rasterio
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
-from rasterio.transform import from_origin
 
 from terrain.camera import Camera
-from terrain.errors import InputError
-from terrain.heightfield import Georeference, Heightfield
+from terrain.heightfield import Heightfield
 from terrain.scene import open_scene
 from terrain.stage import Stage
-from terrain.textures.drape import read_drape
 from terrain.textures.look import LookSettings, automatic_interval_m, shading_defines, sun_direction
 from terrain.textures.palettes import PALETTES, read_palette
 
 SIZE_PX = (160, 120)
 CLEAR = LookSettings(fog=False)
-UTM = Georeference("EPSG:32633", (10.0, 0.0, 500_000.0, 0.0, -10.0, 5_000_000.0))
 
 
 def field(heights, spacing_m=10.0, **others):
@@ -97,9 +91,9 @@ def test_automatic_contours_are_round_and_neither_few_nor_many(relief_m):
 
 
 def test_what_is_off_is_not_compiled():
-    assert shading_defines(replace(CLEAR, contours=False), None) == {}
-    assert shading_defines(LookSettings(fog=True, contours=True), None) == {"FOG": 1, "CONTOURS": 1}
-    assert shading_defines(LookSettings(fog_height_m=300.0), None) == {"FOG": 1, "HEIGHT_FOG": 1}
+    assert shading_defines(replace(CLEAR, contours=False), 0) == {}
+    assert shading_defines(LookSettings(fog=True, contours=True), 0) == {"FOG": 1, "CONTOURS": 1}
+    assert shading_defines(LookSettings(fog_height_m=300.0), 0) == {"FOG": 1, "HEIGHT_FOG": 1}
 
 
 def test_a_slope_is_brighter_with_the_sun_on_it(staged):
@@ -188,86 +182,3 @@ def test_haze_with_a_height_lies_in_the_valleys(staged):
         stage.set_look(LookSettings(visibility_km=200.0, fog_height_m=300.0))
         changes.append(np.abs(stage.render(camera, SIZE_PX).astype(int) - clear)[100].mean())
     assert changes[0] > 2 * changes[1]
-
-
-def image(path, size=(8, 8)):
-    """Red in the north-west quarter, blue elsewhere."""
-    pixels = np.zeros((size[1], size[0], 3), np.uint8)
-    pixels[..., 2] = 255
-    pixels[: size[1] // 2, : size[0] // 2] = (255, 0, 0)
-    Image.fromarray(pixels).save(path)
-    return pixels
-
-
-def test_an_image_without_place_covers_the_whole_terrain(staged, tmp_path):
-    image(tmp_path / "map.png", (64, 64))
-    terrain = field(np.zeros((65, 65)))
-    drape = read_drape(tmp_path / "map.png", terrain)
-    assert any("covers the whole terrain" in note for note in drape.notes)
-    stage = staged(terrain)
-    stage.set_drape(drape)
-    picture = stage.render(Camera((320.0, 700.0, 320.0), 0.0, -90.0, fov_deg=45.0), (100, 100))
-    assert picture[20, 20, 0] > 2 * picture[20, 20, 2]
-    for row, col in ((20, 80), (80, 20), (80, 80)):
-        assert picture[row, col, 2] > 2 * picture[row, col, 0]
-
-
-def georeferenced(path, pixels, transform, crs):
-    with rasterio.open(
-        path, "w", driver="GTiff", width=pixels.shape[1], height=pixels.shape[0], count=3, dtype="uint8",
-        crs=crs, transform=transform,
-    ) as out:  # fmt: skip
-        out.write(np.moveaxis(pixels, -1, 0))
-
-
-def test_a_georeferenced_image_lies_where_it_says_and_may_cover_a_part(tmp_path):
-    terrain = field(np.zeros((101, 101)), georeference=UTM)
-    georeferenced(tmp_path / "a.tif", np.full((50, 50, 3), 9, np.uint8), from_origin(500_500, 4_999_900, 10, 10), 32633)
-    drape = read_drape(tmp_path / "a.tif", terrain)
-    # The image's north-west corner is post (col 50, row 10), its south-east one (100, 60).
-    corners = np.array([[50, 10, 1], [100, 60, 1]]) @ drape.image_from_post.T
-    assert np.allclose(corners, [[0, 0], [1, 1]], atol=1e-9)
-    assert any("covers 25%" in note or "covers 26%" in note or "covers 24%" in note for note in drape.notes)
-
-
-def test_an_image_in_another_coordinate_system_is_laid_where_it_belongs(tmp_path):
-    from rasterio.warp import transform
-
-    posts = 801  # 64 km: degrees and metres disagree by more than a texel
-    terrain = field(np.zeros((posts, posts)), 80.0, georeference=Georeference(
-        "EPSG:32633", (80.0, 0.0, 400_000.0, 0.0, -80.0, 6_600_000.0)))  # fmt: skip
-    (west, east), (north, south) = transform(32633, 4326, [400_000, 464_000], [6_600_000, 6_536_000])
-    size = 600
-    step_x, step_y = (east - west + 0.2) / size, (north - south + 0.1) / size
-    col, row = np.meshgrid(np.arange(size), np.arange(size))
-    pixels = np.stack([(col * 255 / size), (row * 255 / size), 0 * col], axis=-1).astype(np.uint8)
-    georeferenced(tmp_path / "b.tif", pixels, from_origin(west - 0.1, north + 0.05, step_x, step_y), 4326)
-    drape = read_drape(tmp_path / "b.tif", terrain)
-    assert any("Warped" in note for note in drape.notes)
-    for post in ((100, 100), (400, 700), (790, 20)):
-        u, v = drape.image_from_post @ (*post, 1)
-        seen = drape.pixels[int(v * drape.pixels.shape[0]), int(u * drape.pixels.shape[1])]
-        lon, lat = transform(32633, 4326, [400_000 + 80 * post[0]], [6_600_000 - 80 * post[1]])
-        expected = ((lon[0] - west + 0.1) / step_x * 255 / size, (north + 0.05 - lat[0]) / step_y * 255 / size)
-        assert np.abs(seen[:2] - np.array(expected)).max() < 2.0
-
-
-def test_an_image_beside_the_terrain_is_refused(tmp_path):
-    terrain = field(np.zeros((101, 101)), georeference=UTM)
-    georeferenced(tmp_path / "c.tif", np.full((9, 9, 3), 9, np.uint8), from_origin(600_000, 4_000_000, 10, 10), 32633)
-    with pytest.raises(InputError, match="beside the terrain"):
-        read_drape(tmp_path / "c.tif", terrain)
-
-
-def test_an_image_above_the_limit_is_downsampled_with_a_note(tmp_path):
-    image(tmp_path / "big.png", (300, 200))
-    drape = read_drape(tmp_path / "big.png", field(np.zeros((9, 9))), most_texels=100)
-    assert drape.pixels.shape == (67, 100, 4)
-    assert any("Downsampled from 300 x 200" in note for note in drape.notes)
-
-
-def test_a_file_that_is_no_image_is_refused_in_one_line(tmp_path):
-    (tmp_path / "no.png").write_text("nothing")
-    with pytest.raises(InputError, match=r"no\.png") as caught:
-        read_drape(tmp_path / "no.png", field(np.zeros((9, 9))))
-    assert "\n" not in str(caught.value)

@@ -1,0 +1,141 @@
+"""The GPU's side of texture trees: one array texture with slots for tiles, and one with a page table per tree.
+
+Any number of trees costs two texture units. ``shaders/lib/pages.glsl`` reads both.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from terrain.gpu.context import Gpu
+from terrain.gpu.programs import UNITS
+from terrain.textures.pages import NO_PAGE
+from terrain.textures.tree import SLOT_BYTES, SLOT_PX, Ints, Pixels
+
+SLOTS_PER_SIDE = 4  # of a layer
+SLOTS_PER_LAYER = SLOTS_PER_SIDE * SLOTS_PER_SIDE
+LAYER_PX = SLOTS_PER_SIDE * SLOT_PX
+LAYER_BYTES = SLOTS_PER_LAYER * SLOT_BYTES
+MOST_LAYERS = 255  # a page names its layer by a byte
+
+Table = npt.NDArray[np.uint8]
+
+
+class Atlas:
+    """Slots for tiles, never more than fit into a budget.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    budget_bytes : int
+        What the slots may take; at least one layer of `SLOTS_PER_LAYER` is there in any case.
+    """
+
+    def __init__(self, gpu: Gpu, budget_bytes: int) -> None:
+        self._gpu = gpu
+        most_layers = min(MOST_LAYERS, int(gpu.ctx.info["GL_MAX_ARRAY_TEXTURE_LAYERS"]))
+        self.most_slots = SLOTS_PER_LAYER * min(max(budget_bytes // LAYER_BYTES, 1), most_layers)
+        self.slots = 0
+        self._texture: moderngl.TextureArray | None = None
+
+    @property
+    def allocated_bytes(self) -> int:
+        return self.slots * SLOT_BYTES
+
+    def grow(self, slots: int) -> None:
+        """Have room for at least that many slots, as far as the budget goes; what is in them stays."""
+        layers = -(-min(slots, self.most_slots) // SLOTS_PER_LAYER)
+        if layers * SLOTS_PER_LAYER <= self.slots:
+            return
+        old = self._texture
+        self._texture = texture = self._gpu.ctx.texture_array((LAYER_PX, LAYER_PX, layers), 4)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        if old is not None:
+            texture.write(old.read(), viewport=(0, 0, 0, LAYER_PX, LAYER_PX, old.layers))
+            old.release()
+        self.slots = layers * SLOTS_PER_LAYER
+
+    def write(self, slot: int, pixels: Pixels) -> None:
+        """Fill a slot with a tile (SLOT_PX, SLOT_PX, 4)."""
+        assert self._texture is not None
+        x, y, layer = (int(v) for v in slot_places(np.array([slot]))[0])
+        self._texture.write(pixels, viewport=(x * SLOT_PX, y * SLOT_PX, layer, SLOT_PX, SLOT_PX, 1))
+
+    def bind(self) -> None:
+        if self._texture is not None:
+            self._texture.use(UNITS["u_atlas"])
+
+    def release(self) -> None:
+        if self._texture is not None:
+            self._texture.release()
+            self._texture = None
+        self.slots = 0
+
+
+class PageTables:
+    """A page per cell and tree: column and row of the slot in its layer, the layer, and the level of the tile there."""
+
+    def __init__(self, gpu: Gpu, trees: int) -> None:
+        self._gpu, self._trees = gpu, trees
+        self._texture: moderngl.TextureArray | None = None
+        self._written: dict[int, Table] = {}  # as the GPU has them
+
+    def write(self, tree: int, table: Table) -> None:
+        """Give a tree its table (rows, cols, 4); only rows that changed are uploaded."""
+        self._make_room(table.shape[1], table.shape[0])
+        assert self._texture is not None
+        old = self._written.get(tree)
+        if old is None or old.shape != table.shape:
+            first, last = 0, len(table)
+        else:
+            changed = np.flatnonzero((old != table).any(axis=(1, 2)))
+            if not len(changed):
+                return
+            first, last = int(changed[0]), int(changed[-1]) + 1
+        self._texture.write(
+            np.ascontiguousarray(table[first:last]), viewport=(0, first, tree, table.shape[1], last - first, 1)
+        )
+        self._written[tree] = table
+
+    def drop(self, tree: int) -> None:
+        """Forget the table of a tree that is no more."""
+        self._written.pop(tree, None)
+
+    def bind(self) -> None:
+        if self._texture is not None:
+            self._texture.use(UNITS["u_pages"])
+
+    def release(self) -> None:
+        if self._texture is not None:
+            self._texture.release()
+            self._texture = None
+        self._written.clear()
+
+    def _make_room(self, cols: int, rows: int) -> None:
+        old = self._texture
+        if old is not None and cols <= old.width and rows <= old.height:
+            return
+        size = (max(cols, old.width if old else 1), max(rows, old.height if old else 1))
+        kept = self._written
+        self.release()
+        self._texture = self._gpu.ctx.texture_array((*size, self._trees), 4, dtype="u1")
+        self._texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._written = {}
+        for tree, table in kept.items():
+            self.write(tree, table)
+
+
+def slot_places(slots: Ints) -> Ints:
+    """(n, 3): column, row and layer of slots in the atlas."""
+    within = slots % SLOTS_PER_LAYER
+    return np.stack([within % SLOTS_PER_SIDE, within // SLOTS_PER_SIDE, slots // SLOTS_PER_LAYER], axis=-1)
+
+
+def page_entries(slots: Ints, levels: Ints) -> Table:
+    """(n, 4): entries of the page table; `NO_PAGE` where there is no slot."""
+    entries = np.concatenate([slot_places(np.maximum(slots, 0)), levels[:, None]], axis=1)
+    entries[slots < 0] = (0, 0, 0, NO_PAGE)
+    return entries.astype(np.uint8)
