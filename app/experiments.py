@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from app.jobs import Job
 from terrain.camera import Camera
 from terrain.errors import InputError
 from terrain.flight import numbered_path
@@ -87,6 +88,7 @@ class Experiments:
         self.strip_tolerance_px = 1.0
         self.doing, self.share = "", 0.0
         self._task: Steps | None = None
+        self._job: Job | None = None
         self._measured_key: Any = None
         self._pause_until_s = 0.0
 
@@ -102,7 +104,7 @@ class Experiments:
     @property
     def wants_work(self) -> bool:
         """Whether `work` would have something to do, now or soon."""
-        return self.is_busy or (self._session.shows_laboratory and self._measured_key != self._key)
+        return self.is_busy or (self._session.is_open("laboratory") and self._measured_key != self._key)
 
     def work(self) -> None:
         """Run steps of the task until its time is over; without a task measure the picture now and then."""
@@ -118,12 +120,14 @@ class Experiments:
             while time.perf_counter() - begin_s < budget_s:
                 self.share = next(self._task)
         except StopIteration:
-            self._task, self.doing = None, ""
+            self._end()
         except (InputError, MemoryError, RuntimeError, ValueError) as error:
-            self._task, self.doing = None, ""
+            self._end()
             self._session.say(f"The measurement stopped: {error or type(error).__name__}.")
         finally:
             stage.frozen = frozen
+            if self._job is not None:
+                self._job.share = self.share
 
     def cancel(self) -> None:
         """Stop the task; what it has finished stays."""
@@ -135,7 +139,7 @@ class Experiments:
         """Stop the task and release what it made on the GPU."""
         if self._task is not None:
             self._task.close()
-            self._task, self.doing = None, ""
+            self._end()
 
     # Tasks
 
@@ -193,6 +197,13 @@ class Experiments:
     def _start(self, doing: str, task: Steps) -> None:
         self.close()
         self._task, self.doing, self.share = task, doing, 0.0
+        self._job = self._session.jobs.begin(
+            doing.capitalize(), "Escape cancels and keeps what is measured", self.cancel
+        )
+
+    def _end(self) -> None:
+        self._session.jobs.end(self._job)
+        self._task, self.doing, self._job = None, "", None
 
     def _sweep(self) -> Steps:
         """One short sweep for each tolerance: points appear as they are found, and a cancelled rest costs none."""

@@ -7,34 +7,32 @@ panel never reach the camera, and ImGui lets go of every key when the window los
 from __future__ import annotations
 
 import ctypes
-from pathlib import Path
 from typing import Any
 
-import imgui_bundle
 from imgui_bundle import imgui, implot
 
 from app.controls import Inputs
 from app.keys import HELD, bindings
+from app.preferences import PreferenceFile
 from app.session import Session
+from app.theme import apply_theme, load_font
 
-FONT_PX = 15.0
 CTRL = "Ctrl+"
-_FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "DroidSans.ttf"
 
 
-def create_context() -> None:
-    """An ImGui context in this program's style; nothing is saved between runs."""
+def create_context(preferences: PreferenceFile) -> None:
+    """An ImGui context in a person's style, with the windows where they were in the last run."""
     imgui.create_context()
     implot.create_context()
     io = imgui.get_io()
-    io.set_ini_filename("")
+    io.set_ini_filename(None)  # app.docking keeps the layout: ImGui itself would not replace the file at once
+    io.config_flags |= imgui.ConfigFlags_.docking_enable | imgui.ConfigFlags_.nav_enable_keyboard
+    io.config_nav_capture_keyboard = False  # the camera's keys work beside the widgets'
     io.config_dpi_scale_fonts = True
-    if _FONT.exists():
-        io.fonts.add_font_from_file_ttf(str(_FONT), FONT_PX)
-    imgui.style_colors_dark()
-    style = imgui.get_style()
-    style.window_rounding = style.frame_rounding = style.grab_rounding = style.popup_rounding = 4.0
-    style.window_border_size = 0.0
+    load_font()
+    apply_theme(preferences.current)
+    if layout := preferences.read_layout():
+        imgui.load_ini_settings_from_memory(layout)
 
 
 class Gui:
@@ -44,10 +42,12 @@ class Gui:
     ----------
     window : ctypes pointer
         The GLFW window, whose callbacks ImGui chains.
+    preferences : PreferenceFile
     """
 
-    def __init__(self, window: Any) -> None:
-        create_context()
+    def __init__(self, window: Any, preferences: PreferenceFile) -> None:
+        self._preferences = preferences
+        create_context(preferences)
         address = ctypes.cast(window, ctypes.c_void_p).value
         imgui.backends.glfw_init_for_opengl(address or 0, True)
         imgui.backends.opengl3_init("#version 330")
@@ -64,6 +64,7 @@ class Gui:
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
 
     def close(self) -> None:
+        self._preferences.write_layout(imgui.save_ini_settings_to_memory())
         imgui.backends.opengl3_shutdown()
         imgui.backends.glfw_shutdown()
         implot.destroy_context()
@@ -94,7 +95,7 @@ def press_keys(session: Session) -> None:
         return
     for binding in bindings():
         key = binding.key.removeprefix(CTRL)
-        if imgui.is_key_pressed(key_named(key), False) and io.key_ctrl == binding.key.startswith(CTRL):
+        if key and imgui.is_key_pressed(key_named(key), False) and io.key_ctrl == binding.key.startswith(CTRL):
             binding.act(session)
 
 

@@ -7,16 +7,32 @@ from functools import partial
 from typing import NamedTuple
 
 from app.session import Session
+from app.windows import WINDOWS
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
 
 class Binding(NamedTuple):
-    """A key, what it does in words, and the act."""
+    """Something to do.
+
+    Attributes
+    ----------
+    key : str
+        ``"F"``, ``"Ctrl+Q"``; empty where only the menu does it.
+    help : str
+        What it does, for the help and the menu.
+    act : callable
+    menu : str
+        The menu that it is in; empty for none.
+    is_on : callable, optional
+        Whether the menu ticks it.
+    """
 
     key: str
     help: str
     act: Callable[[Session], object]
+    menu: str = ""
+    is_on: Callable[[Session], bool] | None = None
 
 
 # Held keys: (positive, negative, what they do); see app.controls.Inputs.
@@ -31,43 +47,60 @@ MOUSE_HELP = (
     ("wheel", "fly faster, slower"),
     ("Ctrl+click", "type a number into a slider"),
 )
+KEYBOARD_HELP = (
+    ("F10", "to the menu"),
+    ("Ctrl+Tab", "to another window"),
+    ("Tab, arrows", "from widget to widget"),
+    ("Space, Enter", "use a widget, type a number"),
+)
 
 _ACTS = (
-    Binding("F", "freeze the selection, fly on and look at it", Session.toggle_freeze),
-    Binding("R", "record the flight you fly; again: save it", lambda session: session.flights.toggle_recording()),
-    Binding("P", "play the flight, or pause", lambda session: session.flights.toggle_playing()),
-    Binding("K", "show or hide the timeline of keyframes", Session.toggle_timeline),
-    Binding("Insert", "make the view a keyframe at the playhead", lambda session: session.flights.add_keyframe()),
-    Binding("U", "give the selected keyframe the view", lambda session: session.flights.update_keyframe()),
-    Binding("Delete", "delete the selected keyframe", lambda session: session.flights.delete_keyframe()),
-    Binding("Comma", "one frame back", lambda session: session.flights.step(-1)),
-    Binding("Period", "one frame forward", lambda session: session.flights.step(1)),
-    Binding("Ctrl+Z", "take an edit of the flight back", lambda session: session.flights.undo()),
-    Binding("Ctrl+Y", "do it again", lambda session: session.flights.redo()),
-    Binding("Ctrl+S", "save the flight", lambda session: session.flights.save()),
-    Binding("Home", "frame the whole terrain", Session.frame_all),
-    Binding("F12", "save the picture as PNG", Session.take_screenshot),
-    Binding("T", "show or hide the panel", Session.toggle_panel),
-    Binding("L", "show or hide the laboratory", Session.toggle_laboratory),
-    Binding("H", "show or hide this help", Session.toggle_help),
-    Binding("Escape", "close the help, pause the flight", Session.escape),
-    Binding("Ctrl+Q", "leave", Session.leave),
-)
+    Binding("F12", "save the picture as PNG", Session.take_screenshot, "File"),
+    Binding("Ctrl+Q", "leave", Session.leave, "File"),
+    Binding("F", "freeze the selection, fly on and look at it", Session.toggle_freeze, "View",
+            lambda session: session.stage.frozen is not None),
+    Binding("Home", "frame the whole terrain", Session.frame_all, "View"),
+    Binding("R", "record the flight you fly; again: save it", lambda session: session.flights.toggle_recording(),
+            "Flight", lambda session: session.flights.recorder is not None),
+    Binding("P", "play the flight, or pause", lambda session: session.flights.toggle_playing(), "Flight",
+            lambda session: session.flights.is_playing),
+    Binding("K", "show or hide the timeline of keyframes", Session.toggle_timeline, "Flight",
+            lambda session: session.flights.shows_timeline),
+    Binding("Insert", "make the view a keyframe at the playhead", lambda session: session.flights.add_keyframe(),
+            "Flight"),
+    Binding("U", "give the selected keyframe the view", lambda session: session.flights.update_keyframe(), "Flight"),
+    Binding("Delete", "delete the selected keyframe", lambda session: session.flights.delete_keyframe(), "Flight"),
+    Binding("Comma", "one frame back", lambda session: session.flights.step(-1), "Flight"),
+    Binding("Period", "one frame forward", lambda session: session.flights.step(1), "Flight"),
+    Binding("Ctrl+Z", "take an edit of the flight back", lambda session: session.flights.undo(), "Flight"),
+    Binding("Ctrl+Y", "do it again", lambda session: session.flights.redo(), "Flight"),
+    Binding("Ctrl+S", "save the flight", lambda session: session.flights.save(), "Flight"),
+    Binding("Ctrl+T", "hide all windows, or show them again", Session.toggle_windows, "Windows",
+            lambda session: not session.shows_windows),
+    Binding("", "bring all windows back to their places", Session.reset_layout, "Windows"),
+    Binding("H", "show or hide this help", Session.toggle_help, "Help", lambda session: session.shows_help),
+    Binding("Escape", "close the help, pause the flight, stop what runs", Session.escape, "Help"),
+)  # fmt: skip
 
 
 def bindings() -> tuple[Binding, ...]:
-    """All keys that act once when pressed: digits for algorithms, function keys for views, and the acts."""
+    """All that acts once: digits for algorithms, function keys for views, the acts, and the windows."""
     algorithms = [
-        Binding(str(digit), kind.title, partial(_choose_algorithm, name=name))
+        Binding(str(digit), kind.title, partial(_choose_algorithm, name=name), "Algorithm", partial(_draws, name=name))
         for digit, (name, kind) in enumerate(RENDERERS.items())
         if digit <= 9
     ]
     views = [
-        Binding(f"F{number}", view_help.title, partial(_choose_view, view=view))
+        Binding(f"F{number}", view_help.title, partial(_choose_view, view=view), "View", partial(_shows, view=view))
         for number, (view, view_help) in enumerate(VIEWS.items(), 1)
-        if number <= 11
+        if number <= 9
     ]
-    return (*algorithms, *views, *_ACTS)
+    windows = [
+        Binding(window.key, f"show or hide the {window.about}", partial(Session.toggle_window, name=window.name))
+        for window in WINDOWS
+        if window.key
+    ]
+    return (*algorithms, *views, *_ACTS, *windows)
 
 
 def _choose_algorithm(session: Session, name: str) -> None:
@@ -76,3 +109,11 @@ def _choose_algorithm(session: Session, name: str) -> None:
 
 def _choose_view(session: Session, view: str) -> None:
     session.choose_view(view)
+
+
+def _draws(session: Session, name: str) -> bool:
+    return session.algorithm == name
+
+
+def _shows(session: Session, view: str) -> bool:
+    return bool(session.view == view)

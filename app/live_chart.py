@@ -14,13 +14,14 @@ from imgui_bundle import imgui, implot
 
 from app.experiments import run_point
 from app.session import Session
+from app.theme import Colour, ink, is_light
 from terrain.measure.chart import is_promise_kept, pareto_front, style
 from terrain.renderers import RENDERERS
 
 CHART_EM = 14.5
 CLICK_PX = 12.0  # how near to a point of the chart a click must be
 SMALLEST_PX = 0.01  # less is drawn there: nobody sees it
-GOOD, BAD, FAINT, INK = (0.35, 0.75, 0.45, 1.0), (0.95, 0.45, 0.15, 1.0), (0.6, 0.6, 0.6, 1.0), (1.0, 1.0, 1.0, 1.0)
+GREY: Colour = (0.6, 0.6, 0.6, 1.0)
 
 
 def draw_chart(session: Session) -> None:
@@ -40,21 +41,22 @@ def draw_chart(session: Session) -> None:
         ticks = _ticks(low, high)
         implot.setup_axis_ticks(axis, ticks, [f"{tick:g}" for tick in ticks], False)
     front = pareto_front([p for run, p in zip(runs, points, strict=True) if run["algorithm"] != "reference"])
-    _plot("##Front", front, implot.Spec(line_color=(*FAINT[:3], 0.5), line_weight=5.0))
+    _plot("##Front", front, implot.Spec(line_color=(*GREY[:3], 0.5), line_weight=5.0))
+    paper = imgui.get_style_color_vec4(imgui.Col_.window_bg)
     for name in RENDERERS:
         own = [(run, p) for run, p in zip(runs, points, strict=True) if run["algorithm"] == name]
         own.sort(key=lambda pair: pair[0]["settings"].get("tolerance_px", 0.0))
         colour = colour_of(name)
         _plot(f"##{name} line", [p for _, p in own], implot.Spec(line_color=colour, line_weight=1.5))
         for kept in (True, False):
-            fill = colour if kept else (0.08, 0.08, 0.08, 1.0)
+            fill = colour if kept else (paper.x, paper.y, paper.z, 1.0)
             spec = implot.Spec(
                 marker=implot.Marker_.circle, marker_size=4.5, marker_line_color=colour, marker_fill_color=fill
             )
             _plot(f"##{name} {kept}", [p for run, p in own if is_promise_kept(run) == kept], spec, implot.plot_scatter)
     trail = [_shown(*point) for point in lab.trail]
-    _plot("##Trail", trail, implot.Spec(line_color=(1.0, 1.0, 1.0, 0.45)))
-    now = implot.Spec(marker=implot.Marker_.diamond, marker_size=6.0, marker_line_color=INK, marker_fill_color=INK)
+    _plot("##Trail", trail, implot.Spec(line_color=ink(0.45)))
+    now = implot.Spec(marker=implot.Marker_.diamond, marker_size=6.0, marker_line_color=ink(), marker_fill_color=ink())
     _plot("##Now", trail[-1:], now, implot.plot_scatter)
     if implot.is_plot_hovered() and runs:
         _point_at_mouse(session, runs, points)
@@ -78,12 +80,16 @@ def _point_at_mouse(session: Session, runs: Sequence[Any], points: Sequence[tupl
         session.experiments.choose_run(run)
 
 
-def colour_of(algorithm: str) -> tuple[float, float, float, float]:
-    """The algorithm's colour of the charts, light enough for a dark panel; the reference's black becomes grey."""
+def colour_of(algorithm: str) -> Colour:
+    """The algorithm's colour of the charts, light enough for dark windows and dark enough for light ones.
+
+    The reference's black becomes grey.
+    """
     if algorithm == "reference":
-        return FAINT
+        return GREY
     text = style(algorithm)[0].lstrip("#")
-    red, green, blue = (0.3 + 0.7 * int(text[i : i + 2], 16) / 255 for i in (0, 2, 4))
+    base, share = (0.0, 0.8) if is_light() else (0.3, 0.7)
+    red, green, blue = (base + share * int(text[i : i + 2], 16) / 255 for i in (0, 2, 4))
     return red, green, blue, 1.0
 
 

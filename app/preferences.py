@@ -7,6 +7,7 @@ is then renamed; a file that cannot be understood is kept aside under another na
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import uuid
@@ -78,16 +79,20 @@ class PreferenceFile:
         others = [other for other in self.current.recent_files if other != name]
         self.change(recent_files=(name, *others)[:RECENT_FILES])
 
-    def layout_file(self) -> Path | None:
-        """Where the layout of the windows is kept; the folder is made. None where nothing is kept."""
+    def read_layout(self) -> str:
+        """The layout of the windows as `write_layout` was given it; empty where there is none, or it was damaged."""
         if self.folder is None:
-            return None
+            return ""
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            self.problem = f"{self.folder} cannot be made: {error.strerror or error}. The layout is not kept."
-            return None
-        return self.folder / LAYOUT_NAME
+            head, _, text = (self.folder / LAYOUT_NAME).read_text(encoding="utf-8").partition("\n")
+        except (OSError, ValueError):
+            return ""
+        return text if head == _seal(text) else ""
+
+    def write_layout(self, text: str) -> None:
+        """Keep the layout of the windows."""
+        if self.folder is not None:
+            self._replace(LAYOUT_NAME, f"{_seal(text)}\n{text}")
 
     def _read(self) -> Preferences:
         """What the file says; of a field that holds no such value, the default."""
@@ -106,8 +111,12 @@ class PreferenceFile:
         except (ValueError, RecursionError):
             self._set_aside(path)
             return Preferences()
-        found = {f.name: record[f.name] for f in fields(Preferences) if _is_value(f, record.get(f.name))}
-        return Preferences(**{name: tuple(v) if isinstance(v, list) else v for name, v in found.items()})
+        found: dict[str, Any] = {
+            f.name: record[f.name] for f in fields(Preferences) if _is_value(f, record.get(f.name))
+        }
+        if "recent_files" in found:
+            found["recent_files"] = tuple(found["recent_files"])
+        return Preferences(**found)
 
     def _set_aside(self, path: Path) -> None:
         """Keep a damaged file under another name."""
@@ -119,13 +128,17 @@ class PreferenceFile:
         self.problem = f"The preferences could not be understood and are now the defaults; the old ones are {aside}."
 
     def _write(self, preferences: Preferences) -> None:
+        record = {"format": FORMAT, **asdict(preferences)}
+        self._replace(FILE_NAME, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+
+    def _replace(self, name: str, text: str) -> None:
+        """Write a file under a temporary name and rename it: it is there whole, or as it was."""
         assert self.folder is not None
-        path = self.folder / FILE_NAME
-        temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
+        path = self.folder / name
+        temporary = path.with_name(f".{name}.{uuid.uuid4().hex}.part")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            record = {"format": FORMAT, **asdict(preferences)}
-            temporary.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
             temporary.replace(path)
         except OSError as error:
             self.problem = f"{path} cannot be written: {error.strerror or error}. Choices hold until the window closes."
@@ -137,6 +150,11 @@ def config_folder() -> Path:
     """The folder of the preferences: the platform's, or ``$RELIEFSCOPE_CONFIG`` where that is set."""
     chosen = os.environ.get("RELIEFSCOPE_CONFIG")
     return Path(chosen) if chosen else user_config_path("reliefscope", appauthor=False)
+
+
+def _seal(text: str) -> str:
+    """The first line of the layout file: tells a whole file from one that was cut off or touched by chance."""
+    return f"; Reliefscope's windows, {hashlib.sha256(text.encode()).hexdigest()}"
 
 
 def _is_value(field: Field[Any], value: Any) -> bool:

@@ -21,6 +21,7 @@ from app.experiments import Experiments
 from app.exporter import Exporter
 from app.flights import Flights
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
+from app.jobs import Jobs
 from app.opening import Drawing, close_images, open_images, open_stage
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
@@ -78,9 +79,11 @@ class Session:
         self.frame_ms: deque[float] = deque(maxlen=GRAPH_FRAMES)
         self.picture: Target | None = None
         self.clock_s = 0.0
+        self.jobs = Jobs()
         self.shows_help = False
-        self.shows_panel = True
-        self.shows_laboratory = False
+        self.shows_windows = True
+        self.open_windows = dict(self.preferences.current.open_windows)
+        self.wants_first_layout = False
         self.comparison = Comparison()
         self.experiments = Experiments(self)
         self.exporter = Exporter(self)
@@ -117,7 +120,7 @@ class Session:
     @property
     def is_asleep(self) -> bool:
         """Whether nothing at all is to be done until somebody does something."""
-        return self.is_still and not (self.experiments.wants_work or self.exporter.is_busy)
+        return self.is_still and not (self.experiments.wants_work or self.exporter.is_busy or self.jobs)
 
     @property
     def height_above_ground_m(self) -> float:
@@ -296,15 +299,30 @@ class Session:
     def toggle_help(self) -> None:
         self.shows_help = not self.shows_help
 
-    def toggle_panel(self) -> None:
-        self.shows_panel = not self.shows_panel
+    def is_open(self, window: str) -> bool:
+        """Whether a window of `app.windows` is open, and windows are shown."""
+        return self.shows_windows and self.open_windows.get(window, False)
+
+    def show_window(self, name: str, is_open: bool = True) -> None:
+        """Open or close a window, also in the next run."""
+        self.shows_windows = True
+        self.open_windows[name] = is_open
+        self.preferences.change(open_windows=dict(self.open_windows))
+
+    def toggle_window(self, name: str) -> None:
+        self.show_window(name, not self.is_open(name))
+
+    def toggle_windows(self) -> None:
+        """Hide all windows, so that only the picture is left, or show them again."""
+        self.shows_windows = not self.shows_windows
+
+    def reset_layout(self) -> None:
+        """Put all windows back where they were at first."""
+        self.shows_windows = self.wants_first_layout = True
 
     def toggle_timeline(self) -> None:
         self.flights.shows_timeline = not self.flights.shows_timeline
         self.touch()  # the way flown is drawn into the picture with it
-
-    def toggle_laboratory(self) -> None:
-        self.shows_laboratory = not self.shows_laboratory
 
     def compare(self, mode: Any) -> None:
         """Show B beside A, the difference of the two, or A alone."""
@@ -323,11 +341,13 @@ class Session:
             self.choose_other(*a)
 
     def escape(self) -> None:
-        """Close the help, or stop the replay."""
+        """Close the help, or stop what runs."""
         if self.shows_help:
             self.shows_help = False
         elif self.flights.is_playing:
             self.flights.pause("Paused; P plays on.")
+        else:
+            self.jobs.stop_newest()
 
     def leave(self) -> None:
         """Ask the window to close."""

@@ -14,6 +14,8 @@ from types import TracebackType
 from typing import Any
 
 from app.opening import Drawing
+from app.pacing import Pacer
+from app.preferences import PreferenceFile, config_folder
 from terrain.errors import InputError
 from terrain.gpu.context import Gpu, explain_missing_gl
 from terrain.heightfield import Heightfield
@@ -59,8 +61,11 @@ class Window:
                 raise WindowError(explain_no_window(reasons)) from None
         self._window.exit_key = self._window.fullscreen_key = None
         self.gpu = Gpu(self._window.ctx)
-        self._gui = gui.Gui(self._window._window)
+        self._preferences = PreferenceFile(config_folder())
+        self._gui = gui.Gui(self._window._window, self._preferences)
         self._awake_until_s = 0.0
+        self._pacer = Pacer()
+        self._has_vsync: bool | None = None  # GLFW's own choice until the first frame
 
     def __enter__(self) -> Window:
         return self
@@ -73,11 +78,9 @@ class Window:
 
     def run(self, heightfield: Heightfield, drawing: Drawing, flight: Any = None) -> None:
         """Show a terrain until the window is closed."""
-        from app.preferences import PreferenceFile, config_folder
         from app.session import Session
 
-        preferences = PreferenceFile(config_folder())
-        session = Session(self.gpu, heightfield, drawing, flight, preferences=preferences)
+        session = Session(self.gpu, heightfield, drawing, flight, preferences=self._preferences)
         self._window.title = f"{heightfield.name} — Reliefscope"
         self._window.visible = True  # not before there is something to see
         try:
@@ -90,6 +93,7 @@ class Window:
         last_s, was_focused = time.perf_counter(), False
         while not (self._window.is_closing or session.is_leaving):
             self._take_events(session)
+            self._keep_pace(session)
             now_s = time.perf_counter()
             focused = bool(glfw.get_window_attrib(handle, glfw.FOCUSED))
             lost_focus, was_focused = was_focused and not focused, focused
@@ -118,6 +122,14 @@ class Window:
         end_s = time.perf_counter()
         if end_s - begin_s < 0.9 * wait_s:
             self._awake_until_s = end_s + AWAKE_S
+
+    def _keep_pace(self, session: Any) -> None:
+        """No more pictures than the person wants, and no faster than the screen where that is wanted."""
+        chosen = session.preferences.current
+        if chosen.vsync != self._has_vsync:
+            self._has_vsync = chosen.vsync
+            self._glfw.swap_interval(int(chosen.vsync))
+        self._pacer.wait(chosen.frame_limit_fps)
 
     @property
     def _is_hidden(self) -> bool:

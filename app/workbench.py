@@ -5,50 +5,38 @@ Everything it shows and does lives in `app.experiments` and `app.comparison`; he
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from imgui_bundle import imgui, imgui_ctx
 
 from app.comparison import DIVIDER_RANGE, MODES
 from app.experiments import FRAMES_RANGE
-from app.live_chart import BAD, GOOD, INK, colour_of, draw_chart
+from app.live_chart import colour_of, draw_chart
 from app.session import Session
+from app.theme import bad, good, ink, packed
+from app.widgets import Form, button
 from terrain.measure.strip import POP_SHARE, find_marks, slow_limit_ms
 from terrain.renderers import RENDERERS
 
-WIDTH_EM, LABEL_EM, MARGIN_EM = 25.0, 7.0, 0.6
+LABEL_EM = 7.0
 WANTED_PX, WANTED_MS = (0.25, 16.0), (1.0, 200.0)
+_WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.6)  # over the picture, in both themes
 _FIXED = (
     imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_collapse
-    | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_title_bar
+    | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_title_bar | imgui.WindowFlags_.no_docking
 )  # fmt: skip
 
 
 def draw_laboratory(session: Session) -> None:
-    """The panel on the right, and the divider between A and B."""
-    if session.comparison.mode == "split":
-        _draw_divider(session)
-    if not session.shows_laboratory:
-        return
-    em, size = imgui.get_font_size(), imgui.get_io().display_size
-    margin = MARGIN_EM * em
-    imgui.set_next_window_pos((size.x - margin, margin), 0, (1.0, 0.0))
-    imgui.set_next_window_size_constraints((WIDTH_EM * em, 0.0), (WIDTH_EM * em, max(size.y - 2 * margin, 1.0)))
-    imgui.set_next_window_bg_alpha(0.9)
-    with imgui_ctx.begin("Laboratory", None, _FIXED | imgui.WindowFlags_.always_auto_resize):
-        _draw_promise(session)
-        draw_chart(session)
-        _draw_measuring(session)
-        for title, draw, is_open in _SECTIONS:
-            if imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open if is_open else 0):
-                draw(session)
-
-
-def laboratory_width(session: Session) -> float:
-    """How much of the window's right side the laboratory covers [px]."""
-    return (WIDTH_EM + MARGIN_EM) * imgui.get_font_size() if session.shows_laboratory else 0.0
+    """The contents of the window."""
+    _draw_promise(session)
+    draw_chart(session)
+    _draw_measuring(session)
+    for title, draw, is_open in _SECTIONS:
+        if imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open if is_open else 0):
+            draw(session)
 
 
 def _draw_promise(session: Session) -> None:
@@ -62,16 +50,16 @@ def _draw_promise(session: Session) -> None:
         imgui.text_disabled("not measured yet")
         imgui.dummy((width, height))
         return
-    colour = GOOD if found.is_kept else BAD
+    colour = good() if found.is_kept else bad()
     verdict = "kept" if found.is_kept else "broken"
     imgui.text_colored(colour, f"{found.tolerance_px:.2f} px, {verdict}")
     draw, (x, y) = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos()
     scale = width / max(2.0 * found.tolerance_px, 1.05 * found.max_px)
     shade = (*colour[:3], 0.35)
-    for value, fill in ((2e9, (1.0, 1.0, 1.0, 0.08)), (found.max_px, shade), (found.p999_px, colour)):
-        draw.add_rect_filled((x, y), (x + min(value * scale, width), y + height), _packed(fill))
+    for value, fill in ((2e9, ink(0.08)), (found.max_px, shade), (found.p999_px, colour)):
+        draw.add_rect_filled((x, y), (x + min(value * scale, width), y + height), packed(fill))
     at = x + found.tolerance_px * scale
-    draw.add_line((at, y - 0.15 * em), (at, y + height + 0.15 * em), _packed(INK), 2.0)
+    draw.add_line((at, y - 0.15 * em), (at, y + height + 0.15 * em), packed(ink()), 2.0)
     imgui.dummy((width, height))
     imgui.set_item_tooltip("Full colour: 99.9 % of the pixels err by less; faint: the worst; line: the tolerance.")
     imgui.text_disabled(f"99.9 % below {found.p999_px:.3f} px, worst {found.max_px:.3f} px, {found.frame_ms:.1f} ms")
@@ -95,10 +83,10 @@ def _draw_measuring(session: Session) -> None:
         imgui.same_line()
         imgui.progress_bar(lab.share, (-1.0, 0.0), f"{lab.doing}, {100 * lab.share:.0f} %")
         return
-    _button("Measure", "Draw the flight with every chosen algorithm at five tolerances.", lab.measure_runs)
+    button("Measure", "Draw the flight with every chosen algorithm at five tolerances.", lab.measure_runs)
     imgui.same_line()
     imgui.begin_disabled(lab.results is None)
-    _button("Save", "Save all that was measured as results.json and results.csv.", lambda: lab.save(session.folder))
+    button("Save", "Save all that was measured as results.json and results.csv.", lambda: lab.save(session.folder))
     imgui.end_disabled()
     imgui.same_line()
     imgui.set_next_item_width(-1.0)
@@ -120,12 +108,13 @@ def _draw_fair(session: Session) -> None:
         flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
         value = imgui.slider_float(f"##Wanted {what}", getattr(lab, attribute), *limits, form, flags)[1]
         setattr(lab, attribute, value)
+        imgui.set_item_tooltip(f"The {what} that Equal {what} and Best for me go for.")
         imgui.same_line()
         told = f"Turn every chosen algorithm's tolerance until all have this {what}; then switch with the digit keys."
-        _button(f"Equal {what}", told, tune)
+        button(f"Equal {what}", told, tune)
         imgui.same_line(17.0 * em)
         told = f"Switch to the best algorithm and setting measured for this {what}."
-        _button(f"Best for me##{what}", told, lambda by_time=by_time: lab.choose_best(by_time=by_time))  # type: ignore[misc]
+        button(f"Best for me##{what}", told, lambda by_time=by_time: lab.choose_best(by_time=by_time))  # type: ignore[misc]
     imgui.end_disabled()
     if session.tuned:
         imgui.push_text_wrap_pos(0.0)
@@ -136,36 +125,32 @@ def _draw_fair(session: Session) -> None:
 
 def _draw_comparison(session: Session) -> None:
     """A is what is chosen in the panel on the left; B is chosen here."""
-    other, em = session.comparison, imgui.get_font_size()
+    other, form = session.comparison, Form(["Tolerance B"])
     modes = list(MODES)
-    chosen = _combo("A and B", modes.index(other.mode), list(MODES.values()))
+    told = "Show B in one half of the picture, or how the two pictures differ."
+    chosen = form.combo("A and B", modes.index(other.mode), list(MODES.values()), told)
     if modes[chosen] != other.mode:
         session.compare(modes[chosen])
     names = list(RENDERERS)
-    chosen = _combo("B is", names.index(other.algorithm), [kind.title for kind in RENDERERS.values()])
+    titles = [kind.title for kind in RENDERERS.values()]
+    chosen = form.combo("B is", names.index(other.algorithm), titles, RENDERERS[other.algorithm].source)
     if names[chosen] != other.algorithm:
         session.choose_other(names[chosen])
-    _label("Tolerance B")
-    imgui.set_next_item_width(-1.0)
-    flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
-    tolerance_px = imgui.slider_float("##Tolerance B", other.settings.tolerance_px, *WANTED_PX, "%.2f px", flags)[1]
-    if not math.isclose(tolerance_px, other.settings.tolerance_px, rel_tol=1e-6):
-        kind = type(other.settings)
-        same = {name: getattr(other.settings, name) for name in other.settings.__dataclass_fields__}
-        session.choose_other(other.algorithm, kind(**{**same, "tolerance_px": tolerance_px}))
-    imgui.dummy((0.0, 0.0))
-    imgui.same_line(LABEL_EM * em)
+    told = "Allowed geometric error of B on the screen."
+    tolerance_px = form.slider("Tolerance B", other.settings.tolerance_px, told, WANTED_PX, "%.2f px")
+    if tolerance_px != other.settings.tolerance_px:
+        session.choose_other(other.algorithm, replace(other.settings, tolerance_px=tolerance_px))
     keep = "Keep what is shown now, with all its settings, as B."
-    _button("Keep A as B", keep, lambda: session.choose_other(session.algorithm, session.settings))
+    button("Keep A as B", keep, lambda: session.choose_other(session.algorithm, session.settings))
     imgui.same_line()
-    _button("Swap", "A becomes B and B becomes A.", session.swap_sides)
+    button("Swap", "A becomes B and B becomes A.", session.swap_sides)
 
 
 def _draw_waste(session: Session) -> None:
     """What the view cost against what it needs."""
     lab, em = session.experiments, imgui.get_font_size()
     imgui.begin_disabled(lab.is_busy)
-    _button("Meter this view", "Count what this view cost against what it needs (takes seconds).", lab.meter_waste)
+    button("Meter this view", "Count what this view cost against what it needs (takes seconds).", lab.meter_waste)
     imgui.end_disabled()
     with imgui_ctx.begin_table("waste", 2):
         imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, 11.0 * em)
@@ -205,6 +190,7 @@ def _draw_flight(session: Session) -> None:
     changed, time_s = imgui.slider_float("##Timeline", session.flights.time_s, 0.0, duration_s, "%.1f s")
     if changed:
         session.flights.seek(time_s)
+    imgui.set_item_tooltip("Where the flight is; drag to go there.")
     width, height = imgui.get_content_region_avail().x, 3.9 * em
     draw, (x, y) = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos()
     if imgui.invisible_button("##Strip", (width, height)):
@@ -223,20 +209,20 @@ def _draw_flight(session: Session) -> None:
     for number, (name, values, limit, wrong) in enumerate(lanes):
         top = y + number * lane_height
         bottom = top + lane_height - 2.0
-        draw.add_rect_filled((x, top), (x + width, bottom), _packed((1.0, 1.0, 1.0, 0.07)))
+        draw.add_rect_filled((x, top), (x + width, bottom), packed(ink(0.07)))
         step = max(width / max(len(frames), 1), 1.0) if not lab.is_busy else max(width * 0.003, 1.0)
         for i, value in enumerate(values):
             at = x + frames[i].time_s / duration_s * (width - step)
             tall = min(value / limit, 1.0) * (bottom - top)
-            colour = BAD if i in wrong else (*GOOD[:3], 0.55)
+            colour = bad() if i in wrong else (*good()[:3], 0.55)
             draw.add_rect_filled(
-                (at, bottom - (bottom - top if i in wrong else tall)), (at + step, bottom), _packed(colour)
+                (at, bottom - (bottom - top if i in wrong else tall)), (at + step, bottom), packed(colour)
             )
-        draw.add_text((x + 0.3 * em, top + 0.05 * em), _packed((1.0, 1.0, 1.0, 0.75)), f"{name} {len(wrong) or ''}")
+        draw.add_text((x + 0.3 * em, top + 0.05 * em), packed(ink(0.75)), f"{name} {len(wrong) or ''}")
     at = x + session.flights.time_s / duration_s * width
-    draw.add_line((at, y), (at, y + height), _packed(INK), 1.5)
+    draw.add_line((at, y), (at, y + height), packed(ink()), 1.5)
     imgui.begin_disabled(lab.is_busy)
-    _button("Check the flight", "Look for holes, pops and slow frames along the flight.", lab.check_flight)
+    button("Check the flight", "Look for holes, pops and slow frames along the flight.", lab.check_flight)
     imgui.end_disabled()
 
 
@@ -248,7 +234,7 @@ def _tell_strip(session: Session, time_s: float) -> None:
         imgui.set_tooltip(f"{frame.time_s:.1f} s: {told}; click: go there")
 
 
-def _draw_divider(session: Session) -> None:
+def draw_divider(session: Session) -> None:
     """The line between A and B: it can be dragged. Names stand on both sides of it, at the bottom."""
     other, em, size = session.comparison, imgui.get_font_size(), imgui.get_io().display_size
     at, grip = other.divider * size.x, 0.8 * em
@@ -265,15 +251,14 @@ def _draw_divider(session: Session) -> None:
             other.divider = min(max(imgui.get_io().mouse_pos.x / size.x, DIVIDER_RANGE[0]), DIVIDER_RANGE[1])
     imgui.pop_style_var(2)
     draw = imgui.get_background_draw_list()
-    draw.add_line((at, 0.0), (at, size.y), _packed(INK), 2.0)
+    draw.add_line((at, 0.0), (at, size.y), packed(_WHITE), 2.0)
     sides = f"A  {_drawn_by(session.algorithm, session.settings)}", f"B  {_drawn_by(other.algorithm, other.settings)}"
+    top = imgui.get_main_viewport().work_pos.y + 0.4 * em
     for text, is_left in zip(sides, (True, False), strict=True):
         extent = imgui.calc_text_size(text)
-        x, y = (at - extent.x - em if is_left else at + em), 0.6 * em
-        draw.add_rect_filled(
-            (x - 4.0, y - 2.0), (x + extent.x + 4.0, y + extent.y + 2.0), _packed((0.0, 0.0, 0.0, 0.6)), 3.0
-        )
-        draw.add_text((x, y), _packed(INK), text)
+        x = at - extent.x - em if is_left else at + em
+        draw.add_rect_filled((x - 4.0, top - 2.0), (x + extent.x + 4.0, top + extent.y + 2.0), packed(_SHADE), 3.0)
+        draw.add_text((x, top), packed(_WHITE), text)
 
 
 _SECTIONS: tuple[tuple[str, Callable[[Session], None], bool], ...] = (
@@ -290,25 +275,3 @@ def _drawn_by(algorithm: str, settings: Any) -> str:
 
 def _short(algorithm: str) -> str:
     return algorithm.capitalize()
-
-
-def _packed(colour: Sequence[float]) -> int:
-    return imgui.get_color_u32(imgui.ImVec4(*colour))
-
-
-def _label(text: str) -> None:
-    imgui.align_text_to_frame_padding()
-    imgui.text(text)
-    imgui.same_line(LABEL_EM * imgui.get_font_size())
-
-
-def _combo(label: str, current: int, items: list[str]) -> int:
-    _label(label)
-    imgui.set_next_item_width(-1.0)
-    return imgui.combo(f"##{label}", current, items, len(items))[1]
-
-
-def _button(title: str, told: str, act: Callable[[], None]) -> None:
-    if imgui.button(title):
-        act()
-    imgui.set_item_tooltip(told)

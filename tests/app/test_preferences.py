@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from app.preferences import FILE_NAME, RECENT_FILES, PreferenceFile, Preferences, config_folder
+from app.preferences import FILE_NAME, LAYOUT_NAME, RECENT_FILES, PreferenceFile, Preferences, config_folder
 
 
 def test_what_was_chosen_is_there_in_the_next_run(tmp_path):
@@ -25,7 +25,8 @@ def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
     kept = PreferenceFile(None)
     kept.change(theme="light")
     assert kept.current.theme == "light"
-    assert kept.layout_file() is None
+    kept.write_layout("[Window]")
+    assert kept.read_layout() == ""
     assert list(tmp_path.iterdir()) == []
 
 
@@ -86,7 +87,8 @@ def test_a_folder_that_cannot_be_written_is_told_and_choices_hold(tmp_path):
     kept.change(theme="light")
     assert kept.current.theme == "light"
     assert "cannot be" in kept.problem
-    assert kept.layout_file() is None
+    kept.write_layout("[Window]")
+    assert kept.read_layout() == ""
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -102,3 +104,17 @@ def test_the_folder_is_the_one_named_by_the_environment(tmp_path, monkeypatch):
     assert config_folder() == tmp_path
     monkeypatch.delenv("RELIEFSCOPE_CONFIG")
     assert config_folder().name == "reliefscope"
+
+
+def test_the_layout_is_there_in_the_next_run_and_a_damaged_one_is_ignored(tmp_path):
+    text = "[Window][Höhe]\nPos=1,2\n"
+    PreferenceFile(tmp_path).write_layout(text)
+    kept = PreferenceFile(tmp_path)
+    assert kept.read_layout() == text
+    path = tmp_path / LAYOUT_NAME
+    whole = path.read_bytes()
+    for damaged in (whole[:-3], whole[:20], b"", b"\xff\xfe", whole.replace(b"1,2", b"9,2"), b"[Window]\nPos=1\n"):
+        path.write_bytes(damaged)
+        assert kept.read_layout() == ""
+    kept.write_layout(text)
+    assert kept.read_layout() == text

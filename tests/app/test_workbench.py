@@ -22,7 +22,7 @@ LABORATORY = "//Laboratory"
 
 @pytest.fixture
 def ui(session):
-    session.shows_laboratory = True
+    session.show_window("laboratory")
     harness = UiHarness(session)
     for _ in range(3):
         harness.frame()
@@ -57,20 +57,9 @@ def test_key_and_button_show_and_hide_the_laboratory(ui):
         ctx.mouse_move_to_pos((600.0, 500.0))
         ctx.key_press(imgui.Key.l)
         ctx.yield_(2)
-        assert not ui.session.shows_laboratory
+        assert not ui.session.is_open("laboratory")
         ctx.item_click("//Reliefscope/Lab")
-        assert ui.session.shows_laboratory
-
-    ui.run(steps)
-
-
-def test_help_takes_the_place_of_the_laboratory(ui):
-    def steps(ctx):
-        for helps in (True, False):
-            ctx.key_press(imgui.Key.h)
-            ctx.yield_(2)
-            shown = [window.name for window in imgui.get_current_context().windows if window.active]
-            assert ("Help" in shown, "Laboratory" in shown) == (helps, not helps)
+        assert ui.session.is_open("laboratory")
 
     ui.run(steps)
 
@@ -99,7 +88,7 @@ def test_measuring_stops_while_nothing_changes_and_goes_on_when_something_does(u
         ui.frame()
     assert len(lab.trail) == 2
     assert lab.delivered.p999_px < 0.05
-    session.shows_laboratory = False
+    session.toggle_window("laboratory")
     session.choose_algorithm("geomorph")
     ui.frame()
     assert len(lab.trail) == 2
@@ -393,18 +382,6 @@ def test_exaggeration_forgets_what_was_measured(ui):
     ui.session.exaggerate(2.0)
     assert ui.session.experiments.runs == []
     ui.frame()
-
-
-def test_the_status_line_stays_between_the_panels(ui):
-    ui.session.say("a long line " * 40)
-
-    def steps(ctx):
-        ctx.yield_(3)
-        status, laboratory = (ctx.window_info(name).window for name in ("//Status", LABORATORY))
-        assert status.size.y > 40.0
-        assert status.pos.x + status.size.x <= laboratory.pos.x
-
-    ui.run(steps)
 
 
 def test_no_widget_of_the_laboratory_leaves_its_panel(ui):

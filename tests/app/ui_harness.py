@@ -28,7 +28,7 @@ class UiHarness:
 
     def __init__(self, session):
         self.session, self.panel, self.focused = session, Panel(), True
-        gui.create_context()
+        gui.create_context(session.preferences)
         io = imgui.get_io()
         io.display_size, io.delta_time = SIZE, FRAME_S
         io.backend_flags |= imgui.BackendFlags_.renderer_has_textures

@@ -1,0 +1,116 @@
+"""The dock space behind all windows: its first layout, the part of the window that is left free, and how it is kept."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from imgui_bundle import imgui, imgui_ctx
+
+from app.preferences import PreferenceFile
+from app.session import Session
+from app.theme import WINDOW_OPACITY
+from app.windows import WINDOWS, Window
+
+DOCK_SPACE = 0x5EC0FE  # any number, the same in every run: the kept layout refers to it
+SIDE_EM = {"left": 23.5, "right": 26.0}
+BOTTOM_EM = 15.0
+LEAST_FREE_EM = 24.0  # between the left and the right side; with less, all windows share the left
+FLOAT_EM = (26.0, 14.0)
+
+
+class Rectangle(NamedTuple):
+    """A part of the window [px], y down."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+    @property
+    def right(self) -> float:
+        return self.left + self.width
+
+    @property
+    def bottom(self) -> float:
+        return self.top + self.height
+
+
+def draw_windows(session: Session) -> None:
+    """The dock space and all open windows."""
+    if session.wants_first_layout or imgui.internal.dock_builder_get_node(DOCK_SPACE) is None:
+        session.wants_first_layout = False
+        _build_layout()
+    imgui.dock_space_over_viewport(DOCK_SPACE, None, imgui.DockNodeFlags_.passthru_central_node)
+    for window in WINDOWS:
+        if session.open_windows.setdefault(window.name, window.is_open):
+            _draw_window(session, window)
+
+
+def free_rectangle(session: Session) -> Rectangle:
+    """The part of the window that no docked window covers."""
+    node = imgui.internal.dock_builder_get_central_node(DOCK_SPACE) if session.shows_windows else None
+    if node is None:
+        return Rectangle(0.0, 0.0, *imgui.get_io().display_size)
+    return Rectangle(*node.pos, *node.size)
+
+
+def rescale_layout(factor: float) -> None:
+    """Make the docked sides wider or narrower: the text in them has grown by ``factor``."""
+    builder = imgui.internal
+    sizes = {}
+    for window in WINDOWS:
+        found = builder.find_window_by_name(window.title)
+        if found is not None and found.dock_id:
+            node = builder.dock_builder_get_node(found.dock_id)
+            if node is not None and not node.is_central_node():
+                sizes[node.id_] = (factor * node.size.x, factor * node.size.y)
+    for node_id, size in sizes.items():
+        builder.dock_builder_set_node_size(node_id, size)
+
+
+def keep_layout(preferences: PreferenceFile) -> None:
+    """Write the layout where ImGui says that it changed."""
+    io = imgui.get_io()
+    if io.want_save_ini_settings:
+        io.want_save_ini_settings = False
+        preferences.write_layout(imgui.save_ini_settings_to_memory())
+
+
+def _draw_window(session: Session, window: Window) -> None:
+    em, size = imgui.get_font_size(), imgui.get_io().display_size
+    width, height = (extent * em for extent in FLOAT_EM)
+    imgui.set_next_window_size((width, height), imgui.Cond_.first_use_ever)
+    imgui.set_next_window_pos(((size.x - width) / 2, (size.y - height) / 2), imgui.Cond_.first_use_ever)
+    imgui.set_next_window_bg_alpha(WINDOW_OPACITY)
+    with imgui_ctx.begin(window.title, True, imgui.WindowFlags_.no_focus_on_appearing) as shown:
+        if shown.expanded:
+            window.draw(session)
+    if not shown.opened:
+        session.show_window(window.name, False)
+
+
+def _build_layout() -> None:
+    """Windows left and right of the picture, others below it."""
+    builder, io = imgui.internal, imgui.get_io()
+    em, size = imgui.get_font_size(), io.display_size
+    builder.dock_builder_remove_node(DOCK_SPACE)
+    builder.dock_builder_add_node(DOCK_SPACE, imgui.internal.DockNodeFlagsPrivate_.dock_space)
+    builder.dock_builder_set_node_size(DOCK_SPACE, size)
+    left_px, right_px = (SIDE_EM[side] * em for side in ("left", "right"))
+    parts = builder.dock_builder_split_node(DOCK_SPACE, imgui.Dir.left, _share(left_px, size.x))
+    places = {"left": parts.id_at_dir, "right": parts.id_at_dir}
+    middle = parts.id_at_opposite_dir
+    if size.x - left_px - right_px >= LEAST_FREE_EM * em:
+        parts = builder.dock_builder_split_node(middle, imgui.Dir.right, _share(right_px, size.x - left_px))
+        places["right"], middle = parts.id_at_dir, parts.id_at_opposite_dir
+    parts = builder.dock_builder_split_node(middle, imgui.Dir.down, _share(BOTTOM_EM * em, size.y))
+    places["bottom"] = parts.id_at_dir
+    for window in WINDOWS:
+        if window.side in places:
+            builder.dock_builder_dock_window(window.title, places[window.side])
+    builder.dock_builder_finish(DOCK_SPACE)
+
+
+def _share(wanted_px: float, total_px: float) -> float:
+    """A part of a length, as the dock builder takes it."""
+    return min(max(wanted_px / max(total_px, 1.0), 0.05), 0.95)

@@ -1,0 +1,52 @@
+"""The table of windows. A new one is a module that draws its contents, and one line here.
+
+It then can be docked, closed and opened by the menu and its key, and comes back in the next run where it was left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from app.drawing_window import draw_drawing
+from app.preferences_window import draw_preferences
+from app.session import Session
+from app.workbench import draw_laboratory
+
+Side = Literal["left", "right", "bottom", "float"]
+
+
+class Window(NamedTuple):
+    """A window that can be docked.
+
+    Attributes
+    ----------
+    name : str
+        What the preferences call it.
+    title : str
+    about : str
+        What it is, in the help: "show or hide the ...".
+    key : str
+        Opens and closes it; empty for none.
+    draw : callable
+        Draws the contents.
+    side : str
+        Where it is docked at first.
+    is_open : bool
+        Whether it is open at first.
+    """
+
+    name: str
+    title: str
+    about: str
+    key: str
+    draw: Callable[[Session], None]
+    side: Side
+    is_open: bool
+
+
+WINDOWS = (
+    Window("drawing", "Reliefscope", "panel", "T", draw_drawing, "left", True),
+    Window("laboratory", "Laboratory", "laboratory", "L", draw_laboratory, "right", False),
+    Window("preferences", "Preferences", "preferences", "Ctrl+P", draw_preferences, "float", False),
+)
