@@ -39,6 +39,7 @@ from terrain.views import VIEWS
 SETTLE_S = 1.5
 MESSAGE_S = 8.0
 GRAPH_FRAMES = 240
+BAKE_BUDGET_MS = 6.0  # of a frame, for light that is baked anew while the sun moves
 _UNUSABLE = (InputError, MemoryError, RuntimeError, ValueError)  # what a renderer that cannot be made raises
 
 
@@ -68,6 +69,7 @@ class Session:
         self.preferences = PreferenceFile() if preferences is None else preferences
         self._images = open_images(drawing, heightfield)
         self.stage: Stage = open_stage(gpu, heightfield, drawing, self._images)
+        self.stage.bake_budget_ms = BAKE_BUDGET_MS
         self.view: Any = drawing.view
         self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
@@ -253,6 +255,7 @@ class Session:
         self.tuned = {}
         old.release()
         self.stage = self._make_stage(scene, algorithm, settings, look)
+        self.stage.bake_budget_ms = BAKE_BUDGET_MS
         x, _, z = self.camera.position_m
         self.camera = replace(self.camera, position_m=(x, ground_m(self.heightfield, x, z) + before, z))
         if frozen and size_px is not None:

@@ -1,6 +1,7 @@
 #version 330 core
 // Bakes elevation tint times light from the full-resolution terrain into one RGBA8 texel per post
-// (Doellner's topographic texture); alpha 0 marks posts without data.
+// (Doellner's topographic texture); alpha 0 marks posts without data. With LIGHT the light alone as well, relative to
+// that on level ground, for images laid over the ground.
 #include "lib/frame.glsl"
 #include "lib/surface.glsl"
 #include "lib/light.glsl"
@@ -10,7 +11,11 @@ uniform sampler2D u_palette;      // tints from lowest to highest; row 0 gentle,
 uniform sampler2D u_source;       // R8: 1 where the post holds data
 #endif
 uniform vec4 u_tint_range;        // x: lowest [m], y: 1 / height span of the palette [1/m]
-out vec4 out_colour;
+layout(location = 0) out vec4 out_colour;
+#ifdef LIGHT
+layout(location = 1) out vec4 out_light;
+const float STRENGTH = 0.7;       // images hold light of their own, and colours of a legend must stay what they are
+#endif
 
 void main() {
     ivec2 post = ivec2(gl_FragCoord.xy);
@@ -27,11 +32,14 @@ void main() {
     float tint = (height_m - u_tint_range.x) * u_tint_range.y + clamp(-0.35 * bend, -0.05, 0.05);
     vec3 albedo = mix(texture(u_palette, vec2(tint, 0.25)).rgb, texture(u_palette, vec2(tint, 0.75)).rgb, rocky);
 
-    vec2 ground = gl_FragCoord.xy / u_grid.xy;
-    vec3 colour = display_colour(albedo * albedo * ground_light(normal, ground));
+    vec3 light = ground_light(normal, gl_FragCoord.xy / u_grid.xy);
+    vec3 colour = display_colour(albedo * albedo * light);
 #ifdef HOLES
     out_colour = vec4(colour, texelFetch(u_source, post, 0).r);
 #else
     out_colour = vec4(colour, 1.0);
+#endif
+#ifdef LIGHT
+    out_light = vec4(0.5 * sqrt(mix(vec3(1.0), light / level_light(), STRENGTH)), 1.0);
 #endif
 }

@@ -1,6 +1,6 @@
 #version 330 core
-// How much of the sky (r) and of the sun (g) a place sees past the terrain around it, on the coarse heights:
-// marches outwards and keeps the highest elevation angle met.
+// How much of the sky (r, with SKY) or of the sun (g) a place sees past the terrain around it, on the coarse heights:
+// marches outwards and keeps the highest elevation angle met. The colour mask keeps the other channel.
 #include "lib/frame.glsl"
 
 uniform sampler2D u_coarse;
@@ -23,7 +23,8 @@ void main() {
     float height_m = coarse_height(here, 0.0);
     float cell_m = min(texel_m.x, texel_m.y);
 
-    // Sky: a horizontal receiver sees cos^2 of the horizon's elevation in each azimuth.
+#ifdef SKY
+    // a horizontal receiver sees cos^2 of the horizon's elevation in each azimuth.
     float open = 0.0;
     for (int i = 0; i < SKY_DIRECTIONS; i++) {
         float azimuth = (float(i) + 0.5) * 6.2831853 / float(SKY_DIRECTIONS);
@@ -37,8 +38,9 @@ void main() {
         }
         open += 1.0 / (1.0 + steepest * steepest);
     }
-
-    // Sun: by how much the ground rises above the ray towards it.
+    out_visibility = vec4(open / float(SKY_DIRECTIONS), 0.0, 0.0, 1.0);
+#else
+    // By how much the ground rises above the ray towards it.
     float climb = u_sun.y / max(length(u_sun.xz), 1e-4);
     vec2 way = u_sun.xz / max(length(u_sun.xz), 1e-4);
     float far_m = min((u_height_range.y - height_m) / max(climb, 0.02), 240.0 * cell_m);
@@ -49,5 +51,6 @@ void main() {
         float lod = max(log2(2.0 * far_m * t / (float(SUN_STEPS) * cell_m)) - 1.0, 0.0);
         above = max(above, (coarse_height(here + way * reach_m / texel_m, lod) - height_m) / reach_m - climb);
     }
-    out_visibility = vec4(open / float(SKY_DIRECTIONS), 1.0 - smoothstep(-PENUMBRA, PENUMBRA, above), 0.0, 1.0);
+    out_visibility = vec4(0.0, 1.0 - smoothstep(-PENUMBRA, PENUMBRA, above), 0.0, 1.0);
+#endif
 }

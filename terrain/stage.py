@@ -31,7 +31,7 @@ from terrain.renderers import RENDERERS
 from terrain.renderers.base import Renderer
 from terrain.scene import Scene
 from terrain.textures.ground import Ground
-from terrain.textures.look import LookSettings, look_uniforms, shading_defines
+from terrain.textures.look import LookSettings, bake_design, look_uniforms, shading_defines
 from terrain.textures.sky import Sky
 from terrain.textures.tree import TileSource
 from terrain.textures.trees import Trees
@@ -68,6 +68,9 @@ class Stage:
         The frame for which what is drawn was chosen, while the selection is frozen.
     trees : Trees
         The texture trees of what lies on the terrain.
+    bake_budget_ms : float
+        Time a frame may take to bake light anew after a change; what is not baked yet keeps its old light meanwhile.
+        Unlimited at first: every picture is finished.
     """
 
     def __init__(
@@ -76,7 +79,7 @@ class Stage:
     ) -> None:  # fmt: skip
         self.gpu, self.scene, self.look = gpu, scene, look
         self.frozen: Frame | None = None
-        self._baked: tuple[Any, ...] | None = None
+        self.bake_budget_ms = math.inf
         self._uniforms = look_uniforms(look, scene.heightfield)
         self._block = FrameBlock(gpu)
         self._ground = Ground(gpu, scene.heightfield)
@@ -128,7 +131,7 @@ class Stage:
         self._reselect()
 
     def set_look(self, look: LookSettings) -> None:
-        """Change the look; what must be baked again is baked with the next frame."""
+        """Change the look; what must be baked again is baked with the next frames."""
         if look.texture_budget_mib != self.look.texture_budget_mib:
             self.trees.set_budget(look.texture_budget_mib << 20)
         self.look = look
@@ -143,8 +146,8 @@ class Stage:
 
     @property
     def is_loading(self) -> bool:
-        """Whether the next picture will be another though nothing moves, since tiles are being read."""
-        return self.trees.is_loading
+        """Whether the next picture will be another though nothing moves: tiles are being read, or light is baked."""
+        return self.trees.is_loading or not self._ground.is_done
 
     def freeze(self, frame: Frame) -> None:
         """Keep what is chosen for ``frame`` until `thaw`, wherever one flies; its frustum is drawn."""
@@ -212,10 +215,9 @@ class Stage:
         """Everything before the first draw call of a frame: switches, state, bakes, selection, uniforms."""
         self._activate()
         self.gpu.prepare_state()
-        key = (self.look.palette, self.look.sun_azimuth_deg, self.look.sun_elevation_deg, self.trees.count > 0)
-        if key != self._baked:
-            self._ground.bake(self.look.palette, self._uniforms, self._block, with_light=self.trees.count > 0)
-            self._baked = key
+        self._ground.want_light(self.trees.count > 0)
+        design = bake_design(self.look)
+        self._ground.bake(design, self._uniforms, self._block, frame, self.bake_budget_ms)
         if self.frozen is None and choose:
             begin = time.perf_counter()
             self.renderer.select(frame.whole)

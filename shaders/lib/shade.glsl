@@ -8,7 +8,7 @@ uniform sampler2D u_ground;  // tint times light; alpha 0 where there is no data
 #ifdef IMAGES
 #include "lib/pages.glsl"
 
-uniform sampler2D u_light;  // bake_light.frag
+uniform sampler2D u_light;  // bake_ground.frag
 const float MOST_LIGHT = 2.0;
 
 // The images, one over the other and all over a colour, lit by the terrain's light.

@@ -22,7 +22,7 @@ from terrain.synthetic.noise import Grid
 Receivers = npt.NDArray[np.int64]
 """For each post of a flattened grid the post its water flows to; itself where it flows nowhere."""
 
-_NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
 class ShiftedGrid:
@@ -45,7 +45,7 @@ class ShiftedGrid:
         )
         z, x = np.pad(self.shift_z, 1), np.pad(self.shift_x, 1)
         self.per_m = np.empty((8, size, size), np.float32)
-        for k, (dr, dc) in enumerate(_NEIGHBOURS):
+        for k, (dr, dc) in enumerate(NEIGHBOURS):
             there = (slice(1 + dr, 1 + dr + size), slice(1 + dc, 1 + dc + size))
             self.per_m[k] = 1.0 / (spacing_m * np.hypot(dr + z[there] - self.shift_z, dc + x[there] - self.shift_x))
 
@@ -60,30 +60,30 @@ def steepest_receivers(heights: Grid, per_m: npt.ArrayLike) -> tuple[Receivers, 
 
     Parameters
     ----------
-    heights : ndarray of float32, (n, n)
-    per_m : array_like, (8,) or (8, n, n)
+    heights : ndarray of float32, (rows, cols)
+    per_m : array_like, (8,) or (8, rows, cols)
         One over the distance [m] to each of the eight neighbours, in the order of rows.
 
     Returns
     -------
-    receivers : ndarray of int64, (n * n,)
+    receivers : ndarray of int64, (rows * cols,)
         Pits receive themselves.
-    slope : ndarray of float32, (n * n,)
+    slope : ndarray of float32, (rows * cols,)
         Metres per metre, 0 at pits.
     """
-    n = heights.shape[0]
+    rows, cols = heights.shape
     padded = np.pad(heights, 1, constant_values=np.inf)
-    steepest = np.zeros((n, n), np.float32)
-    towards = np.full((n, n), 8, np.uint8)
-    for k, ((dr, dc), scale) in enumerate(zip(_NEIGHBOURS, np.asarray(per_m, np.float32), strict=True)):
-        slope = heights - padded[1 + dr : 1 + dr + n, 1 + dc : 1 + dc + n]
+    steepest = np.zeros(heights.shape, np.float32)
+    towards = np.full(heights.shape, 8, np.uint8)
+    for k, ((dr, dc), scale) in enumerate(zip(NEIGHBOURS, np.asarray(per_m, np.float32), strict=True)):
+        slope = heights - padded[1 + dr : 1 + dr + rows, 1 + dc : 1 + dc + cols]
         slope *= scale
         steeper = slope > steepest
         np.copyto(steepest, slope, where=steeper)
         np.copyto(towards, np.uint8(k), where=steeper)
-    steps = np.array([dr * n + dc for dr, dc in _NEIGHBOURS] + [0])
+    steps = np.array([dr * cols + dc for dr, dc in NEIGHBOURS] + [0])
     receivers = steps[towards.ravel()]
-    receivers += np.arange(n * n)
+    receivers += np.arange(heights.size)
     return receivers, steepest.ravel()
 
 
@@ -92,17 +92,16 @@ def drain_pits(heights: Grid, receivers: Receivers, outlets: npt.NDArray[np.bool
 
     Outlets receive themselves afterwards and are the only ends of the river tree. There must be one at least.
     """
-    n = heights.shape[0]
     ends, flat = outlets.ravel(), heights.ravel()
     receivers[ends] = np.flatnonzero(ends)
-    is_root = receivers == np.arange(n * n)
+    is_root = receivers == np.arange(flat.size)
     pits = np.flatnonzero(is_root & ~ends)
     if not pits.size:
         return
-    basin_of_root = np.zeros(n * n, np.int64)  # basin 0: whatever drains to an outlet
+    basin_of_root = np.zeros(flat.size, np.int64)  # basin 0: whatever drains to an outlet
     basin_of_root[pits] = 1 + np.arange(pits.size)
     basin = basin_of_root[_roots(receivers)]
-    here, there = _across_basins(basin.reshape(n, n))
+    here, there = _across_basins(basin.reshape(heights.shape))
     low, high = np.minimum(basin[here], basin[there]), np.maximum(basin[here], basin[there])
     pair, pass_height = low * (pits.size + 1) + high, np.maximum(flat[here], flat[there])
     order = np.lexsort((pass_height, pair))

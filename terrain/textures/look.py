@@ -15,6 +15,7 @@ import numpy as np
 from terrain.gpu.frame_block import Look
 from terrain.heightfield import Heightfield
 from terrain.settings import setting
+from terrain.textures.baking import RULES, RULES_HELP, Design
 from terrain.textures.palettes import PALETTES
 
 BOLD_EVERY = 5  # contour lines: every fifth is an index line, as on maps
@@ -27,6 +28,7 @@ class LookSettings:
     """The look of a stage. Frozen: a changed copy is given to `terrain.stage.Stage.set_look`."""
 
     palette: str = setting("natural", "Elevation tints", "Colours by height.", choices=PALETTES)
+    shading: str = setting("sunlight", "Relief shading", RULES_HELP, choices=tuple(RULES))
     sun_azimuth_deg: float = setting(
         305.0, "Sun azimuth", "Where the sun stands, clockwise from north.", unit="deg", range=(0.0, 360.0)
     )
@@ -66,6 +68,11 @@ def sun_direction(look: LookSettings) -> tuple[float, float, float]:
         math.sin(elevation),
         -math.cos(azimuth) * math.cos(elevation),
     )
+
+
+def bake_design(look: LookSettings) -> Design:
+    """What the ground's textures must show under this look."""
+    return Design(look.palette, look.shading, (look.sun_azimuth_deg, look.sun_elevation_deg))
 
 
 def automatic_interval_m(relief_m: float) -> float:
