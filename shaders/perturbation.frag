@@ -27,10 +27,22 @@ uniform sampler2D u_pyramid;     // (a, b, upper, lower) of nodes of 2^level cel
 uniform sampler2D u_extra0;      // per block of pixels: where its rays may start, and at which level
 uniform float u_blocks_per_px;
 uniform float u_thickness;       // level of detail: planes this far apart per metre of distance count as one
-uniform vec3 u_chosen_eye;       // distance counts from here (relative to the eye): where the detail was chosen
+uniform vec3 u_chosen_eye;       // map coordinates relative to the eye: distance counts from where detail was chosen
+uniform vec2 u_cell_m;           // size of a cell along the base plane [m]
 uniform int u_step_limit;
 uniform vec2 u_view_scale;       // level view: x times the level plus y times the number of steps
 in vec2 v_screen;
+
+// No more than the distance [m] to any point of a node's upper plane: a measure of the node and not of the ray, or
+// neighbouring rays would see different surfaces, and gaps between them.
+float least_distance(vec4 bound, ivec2 corner, int size) {
+    float half_size = 0.5 * float(size);
+    vec2 across = corner_from_eye(corner) + half_size;
+    float height = (bound.z - u_eye_map.z) - u_eye_map.w + half_size * (bound.x + bound.y);
+    vec3 centre = vec3(across, height) - u_chosen_eye;
+    vec3 reach = half_size * vec3(u_cell_m, abs(bound.x) + abs(bound.y));
+    return length(vec3(centre.xy * u_cell_m, centre.z)) - length(reach);
+}
 
 void main() {
     vec3 sight = sight_ray(v_screen);
@@ -53,17 +65,23 @@ void main() {
         do {
             bool is_leaf, is_met;
             do {  // over nodes
-                ivec2 node = cell >> level, corner = node << level;
-                int size = 1 << level;
+                ivec2 node = cell >> level;
                 vec4 bound = texelFetch(u_pyramid, node, level - 1);
+                bool is_thin = bound.z - bound.w <= u_thickness * least_distance(bound, node << level, 1 << level);
+                // Always the coarsest thin node, whichever way the ray came: or neighbouring rays would see different
+                // surfaces, and gaps between them.
+                while (is_thin && level < u_top_level) {
+                    vec4 wider = texelFetch(u_pyramid, node >> 1, level);
+                    node >>= 1;
+                    if (wider.z - wider.w > u_thickness * least_distance(wider, node << (level + 1), 2 << level)) break;
+                    bound = wider;
+                    ++level;
+                }
+                node = cell >> level;
+                ivec2 corner = node << level;
+                int size = 1 << level;
                 vec2 leave = leave_square(bars, corner, size);
                 float t1 = min(min(leave.x, leave.y), t_end);
-#ifdef FROZEN
-                float away = distance(sight * t, u_chosen_eye);
-#else
-                float away = t;
-#endif
-                bool is_thin = bound.z - bound.w <= u_thickness * away;
 #ifdef FROM_BELOW
                 float height = is_above ? bound.z : bound.w, side = is_above ? 1.0 : -1.0;
 #else

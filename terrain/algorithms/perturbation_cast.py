@@ -63,7 +63,7 @@ def surface_at(heights: Single, interpolation: Interpolation, u: Floats, v: Floa
 
 def cast_rays(
     heights: Single, bounds: Bounds, origin: Floats, direction: Floats, *, interpolation: Interpolation = "triangles",
-    t_start: float = 0.0, thickness_per_t: npt.ArrayLike = 0.0,
+    t_start: float = 0.0, thickness_per_m: float = 0.0, cell_m: tuple[float, float] = (1.0, 1.0),
 ) -> Hits:  # fmt: skip
     """First hit of every ray.
 
@@ -77,10 +77,13 @@ def cast_rays(
     interpolation : {"triangles", "bilinear", "bicubic"}
     t_start : float
         Where rays begin.
-    thickness_per_t : array_like of float, scalar or (n,)
-        Level of detail: a node whose planes are no further apart than this times t counts as its middle plane.
+    thickness_per_m : float
+        Level of detail: a node whose planes are no further apart than this times its distance from the ray's origin
+        counts as its middle plane. Of such nodes in one another the widest counts.
+    cell_m : tuple of float
+        ``(du, dv)``, the size of a cell: what makes a distance of map coordinates.
     """
-    rays = _Rays(heights, bounds, interpolation, origin, direction, t_start, thickness_per_t)
+    rays = _Rays(heights, bounds, interpolation, origin, direction, t_start, thickness_per_m, cell_m)
     while rays.index.size:
         at_node = rays.level > 0
         rays.cross_nodes(np.flatnonzero(at_node))
@@ -94,7 +97,7 @@ class _Rays:
 
     def __init__(
         self, heights: Single, bounds: Bounds, interpolation: Interpolation, origin: Floats, direction: Floats,
-        t_start: float, thickness_per_t: npt.ArrayLike,
+        t_start: float, thickness_per_m: float, cell_m: tuple[float, float],
     ) -> None:  # fmt: skip
         count = len(origin)
         self.heights, self.interpolation = heights, interpolation
@@ -109,8 +112,10 @@ class _Rays:
         still = direction == 0.0  # along an axis a ray is between the sides for every t, or for none
         moving = np.where(still, 1.0, direction)
         at_lowest, at_highest = (lowest - origin) / moving, (highest - origin) / moving
+        self.metres = np.array([*cell_m, 1.0])
+        self.thickness_per_m = thickness_per_m
         # A middle plane may lie half the allowed thickness below everything, and that grows with t.
-        falling = direction[:, 2] + 0.5 * np.asarray(thickness_per_t)
+        falling = direction[:, 2] + 0.5 * thickness_per_m * np.linalg.norm(direction * self.metres, axis=1)
         far = np.where(falling < 0.0, (lowest[2] - origin[:, 2]) / np.where(falling < 0.0, falling, -1.0), np.inf)
         at_lowest[:, 2] = np.where(direction[:, 2] < 0.0, far, at_lowest[:, 2])
         sides = np.sort([at_lowest, at_highest], axis=0)
@@ -121,7 +126,6 @@ class _Rays:
         self.origin, self.direction = origin, direction
         self.t = np.maximum(enter.max(axis=1), t_start)
         self.t_end = leave.min(axis=1)
-        self.thickness_per_t = np.broadcast_to(np.asarray(thickness_per_t, np.float64), (count,))
         self.level = np.full(count, self.top)
         self.cell = np.zeros((count, 2), np.int64)
         self.is_above = np.ones(count, np.bool_)
@@ -135,7 +139,7 @@ class _Rays:
         """Keep the rays that are still under way."""
         if self.is_done.any():
             keep = ~self.is_done
-            for name in ("index", "origin", "direction", "t", "t_end", "thickness_per_t", "level", "cell", "is_above"):
+            for name in ("index", "origin", "direction", "t", "t_end", "level", "cell", "is_above"):
                 setattr(self, name, getattr(self, name)[keep])
             self.is_done = np.zeros(len(self.index), np.bool_)
 
@@ -144,14 +148,12 @@ class _Rays:
         if not i.size:
             return
         self.hits.steps[self.index[i]] += 1
-        level, o, d, t = self.level[i], self.origin[i], self.direction[i], self.t[i]
-        node = self.cell[i] >> level[:, None]
-        flat = self.first_node[level - 1] + node[:, 1] * self.node_cols[level - 1] + node[:, 0]
-        a, b, upper, lower = self.nodes[flat].astype(np.float64).T
-        corner, size = node << level[:, None], 1 << level
+        o, d, t = self.origin[i], self.direction[i], self.t[i]
+        a, b, upper, lower, is_thin = self._widest_thin(i)
+        level = self.level[i]
+        corner, size = self.cell[i] >> level[:, None] << level[:, None], 1 << level
         t1, axis = self._exit(i, corner, size)
 
-        is_thin = upper - lower <= self.thickness_per_t[i] * t
         bound = np.where(is_thin, 0.5 * (upper + lower), np.where(self.is_above[i], upper, lower))
         slope = d[:, 2] - a * d[:, 0] - b * d[:, 1]
         gap = o[:, 2] - bound - a * (o[:, 0] - corner[:, 0]) - b * (o[:, 1] - corner[:, 1])
@@ -172,6 +174,36 @@ class _Rays:
         self.t[into] = np.where(side * gap0 > 0.0, root, t)[down]
         self.level[into] -= 1
         self.cell[into] = self._cell_inside(into, corner[down], size[down])
+
+    def _widest_thin(self, i: Ints) -> tuple[Floats, Floats, Floats, Floats, Flags]:
+        """The planes of the rays' nodes, and whether they are thin.
+
+        Of thin nodes in one another always the widest counts, whichever way the ray came, and whether a node is thin is
+        a matter of the node and not of the ray: or neighbouring rays would see different surfaces, and gaps between.
+        """
+        planes, is_thin = self._planes(i, self.level[i])
+        rising = np.flatnonzero(is_thin & (self.level[i] < self.top))
+        while rising.size:
+            wider, still = self._planes(i[rising], self.level[i[rising]] + 1)
+            rising = rising[still]
+            planes[rising] = wider[still]
+            self.level[i[rising]] += 1
+            rising = rising[self.level[i[rising]] < self.top]
+        a, b, upper, lower = planes.T
+        return a, b, upper, lower, is_thin
+
+    def _planes(self, i: Ints, level: Ints) -> tuple[Floats, Flags]:
+        """The bounding planes (n, 4) of the rays' nodes at given levels, and whether they are close together."""
+        node = self.cell[i] >> level[:, None]
+        flat = self.first_node[level - 1] + node[:, 1] * self.node_cols[level - 1] + node[:, 0]
+        planes = self.nodes[flat].astype(np.float64)
+        # No more than the distance to any point of the upper plane.
+        half, slope = np.ldexp(0.5, level), planes[:, :2].T
+        height = planes[:, 2] + half * slope.sum(axis=0)
+        centre = np.column_stack([2.0 * half[:, None] * node + half[:, None], height]) - self.origin[i]
+        reach = np.column_stack([half, half, half * np.abs(slope).sum(axis=0)])
+        least_m = np.linalg.norm(centre * self.metres, axis=1) - np.linalg.norm(reach * self.metres, axis=1)
+        return planes, planes[:, 2] - planes[:, 3] <= self.thickness_per_m * least_m
 
     def cross_cells(self, i: Ints) -> None:
         """Through the surface of one cell."""

@@ -252,8 +252,8 @@ def count_holes(covered: Bools, truth: Bools, tolerance_px: float = 0.0) -> int:
     """Pixels that show sky although the reference shows terrain there and all around.
 
     Two kinds count: a gap that terrain encloses counts where the reference covers all eight neighbours too; a gap open
-    to the sky counts where the reference covers everything within the promised error, since a method may lower the
-    silhouette by as much.
+    to the sky, or to the picture's edge, past which there may be sky, counts where the reference covers everything
+    within the promised error, since a method may lower the silhouette by as much.
 
     Parameters
     ----------
@@ -270,6 +270,8 @@ def count_holes(covered: Bools, truth: Bools, tolerance_px: float = 0.0) -> int:
     regions, _ = ndimage.label(~covered, np.ones((3, 3)))
     is_open = np.zeros(regions.max() + 1, np.bool_)
     is_open[np.unique(regions[~truth])] = True
+    for edge in (regions[0], regions[-1], regions[:, 0], regions[:, -1]):
+        is_open[np.unique(edge)] = True
     enclosed = missing & ~is_open[regions] & _inner(truth, 1)
     slits = missing & is_open[regions] & _inner(truth, max(1, math.ceil(1.25 * tolerance_px)))
     return int((enclosed | slits).sum())

@@ -135,7 +135,9 @@ def _cpu_ms(terrain: Heightfield, camera: Camera) -> float:
     begin = time.perf_counter()
     direction = world @ g[:3, :3].T
     origin = np.broadcast_to((g @ np.append(camera.eye_m, 1.0))[:3], direction.shape)
-    cast_rays(terrain.heights_m, bounds, origin, direction, t_start=1.0, thickness_per_t=thickness)
+    cast_rays(
+        terrain.heights_m, bounds, origin, direction, t_start=1.0, thickness_per_m=thickness, cell_m=terrain.spacing_m
+    )
     return 1e3 * (time.perf_counter() - begin) * SIZE_PX[0] * SIZE_PX[1] / len(world)
 
 

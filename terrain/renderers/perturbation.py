@@ -66,7 +66,7 @@ class PerturbationRenderer:
     Settings = PerturbationSettings
     diagonal: Diagonal = "alternating"
     limits: ClassVar[Mapping[str, str]] = {
-        "million-high/1 cm above ground": "a centimetre over slopes of 500 m per cell is at the end of 32-bit floats"
+        "needles/fast flight": "a flank passes within 1/256 px of a pixel's centre: the reference is rounded onto it"
     }
 
     def __init__(self, gpu: Gpu, scene: Scene, settings: PerturbationSettings) -> None:
@@ -131,8 +131,7 @@ class PerturbationRenderer:
             self._draw_starts(plane, view, frame)
             target.use()
         chosen = self._chosen if self._chosen is not None else frame
-        is_frozen = not np.array_equal(chosen.eye_m, frame.eye_m)
-        switches = {"FROM_BELOW": view.needs_sign, "FROZEN": is_frozen}
+        switches = {"FROM_BELOW": view.needs_sign}
         geometry = plane.geometry({**defines, **{name: 1 for name, used in switches.items() if used}})
         program = geometry.program(frame.output)
         thickness = 2.0 * settings.tolerance_px / chosen.pixels_per_radian if settings.detail else 0.0
@@ -142,7 +141,8 @@ class PerturbationRenderer:
         _set(program, "u_rectangle", rectangle)
         _set(program, "u_blocks_per_px", 1.0 / BLOCK_PX if bundled else 0.0)
         _set(program, "u_thickness", thickness)
-        _set(program, "u_chosen_eye", tuple(chosen.eye_m - frame.eye_m))
+        _set(program, "u_chosen_eye", tuple(view.map_from_world @ (chosen.eye_m - frame.eye_m)))
+        _set(program, "u_cell_m", plane.plane.heightfield.spacing_m)
         _set(program, "u_step_limit", settings.step_limit)
         _set(program, "u_view_scale", (0.0, 1.0 / STEPS_PER_HUE) if by_steps else (1.0, 0.0))
         plane.bind(program)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from math import comb
 
 import numpy as np
@@ -245,14 +246,31 @@ def test_level_of_detail_stays_within_half_the_allowed_thickness(tolerance):
     direction = np.stack([rng.uniform(-0.7, 0.7, 4000), -np.ones(4000), rng.uniform(-0.9, -0.05, 4000)], axis=1)
     bounds = build_bounds(heights)
     exact = cast_rays(heights, bounds, origin, direction)
-    coarse = cast_rays(heights, bounds, origin, direction, thickness_per_t=0.01 * tolerance)
+    coarse = cast_rays(heights, bounds, origin, direction, thickness_per_m=0.01 * tolerance)
     hit = np.isfinite(coarse.t)
     at = origin[hit] + direction[hit] * coarse.t[hit, None]
     error = np.abs(at[:, 2] - surface_at(heights, "triangles", at[:, 0], at[:, 1]))
-    assert (error <= 0.5 * 0.01 * tolerance * coarse.t[hit] + 1e-4).all()
+    away = coarse.t[hit] * np.linalg.norm(direction[hit], axis=1)
+    assert (error <= 0.5 * 0.01 * tolerance * away + 1e-4).all()
     assert (error > 1e-3).any()
     assert coarse.steps.mean() < exact.steps.mean()
     assert (hit == np.isfinite(exact.t)).mean() > 0.97
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_below_a_ray_that_meets_the_ground_every_ray_does_at_every_level_of_detail(seed):
+    """All rays of a vertical fan see one surface, which takes one answer to which nodes are thin."""
+    rng = np.random.default_rng(seed)
+    heights = np.cumsum(np.cumsum(rng.normal(size=(65, 65)), axis=0), axis=1) * 0.02 + rng.normal(size=(65, 65)) * 0.1
+    heights = np.ascontiguousarray(heights, np.float32)
+    bounds = build_bounds(heights)
+    elevation, azimuth = np.linspace(0.3, -0.6, 300), rng.uniform(0.0, 2 * np.pi, 40)
+    for angle, thickness in itertools.product(azimuth, (0.03, 0.1)):
+        eye = np.array([*rng.uniform(0.0, 64.0, 2), heights.max() + rng.uniform(0.1, 5.0)])
+        direction = np.column_stack([np.full(300, np.cos(angle)), np.full(300, np.sin(angle)), elevation])
+        t = cast_rays(heights, bounds, np.tile(eye, (300, 1)), direction, thickness_per_m=thickness).t
+        hit = np.isfinite(t)
+        assert hit[np.argmax(hit) :].all() or not hit.any()
 
 
 def test_a_node_is_passed_in_far_fewer_steps_than_it_has_cells():
@@ -268,7 +286,7 @@ def test_a_flat_as_low_as_the_map_gets_is_met_at_every_level_of_detail():
     x, z = np.meshgrid(np.linspace(0.3, 127.7, 60), np.linspace(0.3, 127.7, 60))
     target = np.stack([x.ravel(), z.ravel(), surface_at(heights, "triangles", x.ravel(), z.ravel())], axis=1)
     origin = np.tile([-900.0, 64.0, 400.0], (len(target), 1))
-    hits = cast_rays(heights, build_bounds(heights), origin, target - origin, thickness_per_t=8.0)
+    hits = cast_rays(heights, build_bounds(heights), origin, target - origin, thickness_per_m=0.008)
     assert np.isfinite(hits.t[np.abs(x.ravel() - 64) < 60]).all()
 
 

@@ -175,3 +175,13 @@ def test_pooled_percentiles_are_within_one_bin(values) -> None:
     for share in (50, 99, 99.9):
         exact = float(np.sort(np.array(values, np.float32))[int(np.ceil(len(values) * share / 100)) - 1])
         assert exact / 1.002 <= max(pool.percentile(share), 1e-6) <= max(exact * 1.012, 1.1e-6)
+
+
+def test_a_silhouette_lowered_below_the_pictures_edge_is_no_hole():
+    truth = np.ones((12, 20), np.bool_)
+    covered = truth.copy()
+    covered[:3, 4:8] = False
+    assert count_holes(covered, truth, tolerance_px=4.0) == 0
+    assert count_holes(covered, truth, tolerance_px=1.0) == 4  # the third row lies deeper than the promise
+    covered[2:5, 12] = False
+    assert count_holes(covered, truth, tolerance_px=4.0) == 3
