@@ -42,7 +42,7 @@ def view(args: argparse.Namespace) -> None:
             _film_tour(terrain.result(), drawing, flight, args.size or TOUR_SIZE_PX)
             return
         with window:
-            window.run(terrain.result(), drawing, flight)
+            window.run(terrain.result(), drawing, flight, args.dev)
 
 
 def render(args: argparse.Namespace) -> None:
@@ -111,6 +111,7 @@ def make(args: argparse.Namespace) -> None:
 def _view_options(parser: argparse.ArgumentParser) -> None:
     arguments.add_terrain_options(parser, DEFAULT_SCENE)
     arguments.add_drawing_options(parser)
+    parser.add_argument("--dev", action="store_true", help="reload shaders that change on disk; errors are shown")
     _list_settings(parser)
 
 

@@ -71,7 +71,7 @@ def normal_colour(normal: tuple[float, float, float]) -> Rgb:
 
 def _error_legend(tolerance_px: float) -> Legend:
     shares = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
-    labels = tuple(f"{share * tolerance_px:+.3g}".replace("+0", "0") if share else "0" for share in shares)
+    labels = tuple(f"{share * tolerance_px:+.3g}" if share else "0" for share in shares)
     return Legend("error [px]: minus below the true surface", tuple(map(error_colour, shares)), labels)
 
 

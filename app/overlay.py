@@ -24,28 +24,29 @@ _NORTH = (0.98, 0.55, 0.20, 1.0)
 
 
 def draw_overlay(session: Session) -> None:
-    """Legend at the upper left, scale and north at the upper right."""
+    """Legend at the upper left; scale and north at the upper right, or below the legend where there is no room."""
     chosen, free = session.preferences.current, free_rectangle(session)
     if min(imgui.get_io().display_size) < 1.0:
         return
-    left = free.left
+    taken = Rectangle(free.left, free.top, 0.0, 0.0)
     if chosen.shows_legend and (legend := legend_of(session)) is not None:
-        left = _draw_legend(legend, free)
+        taken = _draw_legend(legend, free)
     if chosen.shows_scale_bar:
-        _draw_scale(session, free, left)
+        _draw_scale(session, free, taken)
 
 
-def _draw_legend(legend: Legend, free: Rectangle) -> float:
-    """The legend, where there is room for it; where it ends on the right."""
+def _draw_legend(legend: Legend, free: Rectangle) -> Rectangle:
+    """The legend, where there is room for it; where it is."""
     em, draw = imgui.get_font_size(), imgui.get_background_draw_list()
     margin, padding = MARGIN_EM * em, PADDING_EM * em
     widest = max(imgui.calc_text_size(label).x for label in legend.labels) + 0.5 * em
     step = max(SWATCH_EM * em, widest)
     width = max(step * len(legend.colours), imgui.calc_text_size(legend.title).x) + 2 * padding
     if width > free.width - 2 * margin:
-        return free.left
-    x, y = free.left + margin, free.top + margin
-    draw.add_rect_filled((x, y), (x + width, y + 3.1 * em + 2 * padding), packed(_CARD), 0.3 * em)
+        return Rectangle(free.left, free.top, 0.0, 0.0)
+    card = Rectangle(free.left + margin, free.top + margin, width, 3.1 * em + 2 * padding)
+    _draw_card(card)
+    x, y = card.left, card.top
     x, y = x + padding, y + padding
     draw.add_text((x, y), packed(_GREY), legend.title)
     y += 1.2 * em
@@ -53,10 +54,15 @@ def _draw_legend(legend: Legend, free: Rectangle) -> float:
         at = x + number * step
         draw.add_rect_filled((at, y), (at + step, y + 0.8 * em), packed((*colour, 1.0)))
         draw.add_text((at + (step - imgui.calc_text_size(label).x) / 2, y + 0.9 * em), packed(_WHITE), label)
-    return free.left + margin + width
+    return card
 
 
-def _draw_scale(session: Session, free: Rectangle, least_left: float) -> None:
+def _draw_card(card: Rectangle) -> None:
+    corners = (card.left, card.top), (card.right, card.bottom)
+    imgui.get_background_draw_list().add_rect_filled(*corners, packed(_CARD), 0.3 * imgui.get_font_size())
+
+
+def _draw_scale(session: Session, free: Rectangle, taken: Rectangle) -> None:
     """A north arrow with the heading; beside it a bar that says how long things are at the middle of the picture."""
     em, draw = imgui.get_font_size(), imgui.get_background_draw_list()
     margin, padding, radius = MARGIN_EM * em, PADDING_EM * em, COMPASS_EM * em
@@ -64,10 +70,11 @@ def _draw_scale(session: Session, free: Rectangle, least_left: float) -> None:
     compass_width = max(2 * radius, imgui.calc_text_size("000° NW").x)
     bar_width = 0.0 if bar is None else max(bar[0], imgui.calc_text_size(bar[1]).x, imgui.calc_text_size(bar[2]).x)
     width = compass_width + 2 * padding + (bar_width + em if bar is not None else 0.0)
-    if free.right - margin - width < least_left + margin:
+    if width > free.width - 2 * margin:
         return
-    x, y = free.right - margin - width, free.top + margin
-    draw.add_rect_filled((x, y), (x + width, y + 2 * radius + 1.3 * em + 2 * padding), packed(_CARD), 0.3 * em)
+    x = free.right - margin - width
+    y = (free.top if x > taken.right + margin else taken.bottom) + margin
+    _draw_card(Rectangle(x, y, width, 2 * radius + 1.3 * em + 2 * padding))
     if bar is not None:
         length, text, away = bar
         left, top = x + padding, y + padding + radius - 0.9 * em

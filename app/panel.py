@@ -12,7 +12,7 @@ from app.menu import draw_menu
 from app.overlay import draw_overlay
 from app.preferences import Preferences
 from app.session import Session
-from app.theme import apply_theme, key_colour
+from app.theme import apply_theme, bad, key_colour
 from app.workbench import draw_divider
 from terrain.renderers import RENDERERS
 
@@ -40,6 +40,8 @@ class Panel:
         if session.shows_windows:
             draw_windows(session)
             draw_overlay(session)
+        if session.gpu.programs.errors:
+            _draw_shader_errors(session.gpu.programs.errors)
         if session.shows_help:
             _draw_help()
         if session.preferences.problem:
@@ -101,6 +103,20 @@ def _draw_status(session: Session, lines: Sequence[str]) -> None:
     imgui.pop_style_var(2)
 
 
+def _draw_shader_errors(errors: Sequence[str]) -> None:
+    """What the driver says about shaders that were changed while developing, with file and line."""
+    size = imgui.get_io().display_size
+    imgui.set_next_window_pos((size.x / 2, size.y / 2), imgui.Cond_.appearing, (0.5, 0.5))
+    imgui.set_next_window_size_constraints((0.0, 0.0), (0.9 * size.x, 0.8 * size.y))
+    flags = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings
+    flags |= imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing
+    with imgui_ctx.begin("Shaders: the old ones draw until these are mended", None, flags):
+        imgui.push_text_wrap_pos(0.85 * size.x)
+        for error in errors:
+            imgui.text_colored(bad(), error)
+        imgui.pop_text_wrap_pos()
+
+
 def help_rows() -> list[tuple[str, str]]:
     """All keys and what they do, and what the mouse does."""
     held = [(f"{plus} {minus}", told) for plus, minus, told in HELD.values()]
@@ -114,7 +130,7 @@ def _draw_help() -> None:
     rows = help_rows()
     imgui.set_next_window_pos((size.x / 2, size.y / 2), 0, (0.5, 0.5))
     imgui.set_next_window_size_constraints((0.0, 0.0), size)
-    imgui.set_next_window_bg_alpha(0.96)
+    imgui.set_next_window_bg_alpha(1.0)
     imgui.set_next_window_focus()  # above all windows
     imgui.push_style_var(imgui.StyleVar_.window_padding, (round(em), round(0.8 * em)))
     flags = _OVERLAY & ~imgui.WindowFlags_.no_scrollbar

@@ -29,6 +29,7 @@ from terrain.errors import InputError
 from terrain.flight import Flight, demo_flight, numbered_path
 from terrain.frame import FrameStats
 from terrain.gpu.context import Gpu
+from terrain.gpu.programs import ShaderError
 from terrain.gpu.targets import Target, create_target
 from terrain.heightfield import Heightfield
 from terrain.renderers import RENDERERS
@@ -70,6 +71,7 @@ class Session:
         self._images = open_images(drawing, heightfield)
         self.stage: Stage = open_stage(gpu, heightfield, drawing, self._images)
         self.stage.bake_budget_ms = BAKE_BUDGET_MS
+        self.stage.draws_legends = False  # the window has its own
         self.view: Any = drawing.view
         self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
@@ -185,7 +187,11 @@ class Session:
         assert self.picture is not None
         frame = self.stage.frame(self.camera, size_px, self.clock_s)
         begin = time.perf_counter()
-        self.stats = self.stage.draw(frame, self.picture, self.view)
+        try:
+            self.stats = self.stage.draw(frame, self.picture, self.view)
+        except ShaderError as error:  # only where shaders are being changed (--dev)
+            self.say(" ".join(str(error).split()))
+            return
         for message in self.stage.trees.take_messages():
             self.say(message)
         if self.gpu.is_software:
@@ -256,6 +262,7 @@ class Session:
         old.release()
         self.stage = self._make_stage(scene, algorithm, settings, look)
         self.stage.bake_budget_ms = BAKE_BUDGET_MS
+        self.stage.draws_legends = False  # the window has its own
         x, _, z = self.camera.position_m
         self.camera = replace(self.camera, position_m=(x, ground_m(self.heightfield, x, z) + before, z))
         if frozen and size_px is not None:
@@ -301,6 +308,14 @@ class Session:
 
     def toggle_help(self) -> None:
         self.shows_help = not self.shows_help
+
+    def reload_shaders(self) -> None:
+        """Compile anew what changed on disk; a broken shader keeps its old program, and the window says why."""
+        programs = self.gpu.programs
+        before = programs.generation, len(programs.errors)
+        programs.reload_changed()
+        if (programs.generation, len(programs.errors)) != before:
+            self.touch()
 
     def is_open(self, window: str) -> bool:
         """Whether a window of `app.windows` is open, and windows are shown."""

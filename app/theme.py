@@ -47,9 +47,11 @@ def apply_theme(preferences: Preferences, dpi_scale: float = 1.0) -> None:
         imgui.style_colors_light()
         implot.style_colors_light()
         style.set_color_(imgui.Col_.window_bg, (0.96, 0.96, 0.97, 1.0))
+        style.set_color_(imgui.Col_.text_disabled, (0.38, 0.38, 0.40, 1.0))
     else:
         imgui.style_colors_dark()
         implot.style_colors_dark()
+        style.set_color_(imgui.Col_.text_disabled, (0.62, 0.62, 0.64, 1.0))
 
 
 def ink(opacity: float = 1.0) -> Colour:

@@ -21,6 +21,7 @@ from terrain.gpu.context import Gpu, explain_missing_gl
 from terrain.heightfield import Heightfield
 
 AWAKE_S, AWAKE_WAIT_S, ASLEEP_WAIT_S = 1.5, 0.05, 1.0
+LOOK_AT_SHADERS_S = 0.4
 
 
 class WindowError(InputError):
@@ -76,21 +77,24 @@ class Window:
         self._gui.close()
         self._window.destroy()
 
-    def run(self, heightfield: Heightfield, drawing: Drawing, flight: Any = None) -> None:
-        """Show a terrain until the window is closed."""
+    def run(
+        self, heightfield: Heightfield, drawing: Drawing, flight: Any = None, watches_shaders: bool = False
+    ) -> None:
+        """Show a terrain until the window is closed; ``watches_shaders`` reloads those that change on disk."""
         from app.session import Session
 
         session = Session(self.gpu, heightfield, drawing, flight, preferences=self._preferences)
         self._window.title = f"{heightfield.name} — Reliefscope"
         self._window.visible = True  # not before there is something to see
         try:
-            self._loop(session)
+            self._loop(session, watches_shaders)
         finally:
             session.close()
 
-    def _loop(self, session: Any) -> None:
+    def _loop(self, session: Any, watches_shaders: bool) -> None:
         glfw, gui, handle, screen = self._glfw, self._gui_module, self._window._window, self.gpu.ctx.screen
         last_s, was_focused = time.perf_counter(), False
+        looked_s = last_s
         while not (self._window.is_closing or session.is_leaving):
             self._take_events(session)
             self._keep_pace(session)
@@ -102,6 +106,9 @@ class Window:
             gui.press_keys(session)
             session.advance(gui.read_inputs(focused=not lost_focus), now_s - last_s)
             last_s = now_s
+            if watches_shaders and now_s - looked_s > LOOK_AT_SHADERS_S:
+                session.reload_shaders()
+                looked_s = now_s
             if not self._is_hidden:
                 gui.show_picture(session)
             self._panel.draw(session)

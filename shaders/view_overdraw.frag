@@ -1,6 +1,7 @@
 #version 330 core
 // The overdraw view: how often each pixel was drawn, as a colour, with a legend at the lower left.
 uniform sampler2D u_source;  // counts
+uniform bool u_legend;
 in vec2 v_screen;
 out vec4 out_colour;
 
@@ -28,7 +29,7 @@ void main() {
     float count = texelFetch(u_source, pixel, 0).r;
     vec3 colour = count < 0.5 ? vec3(0.02) : heat(count);
     ivec2 legend = pixel - ivec2(10);
-    if (all(greaterThanEqual(legend, ivec2(-3))) && legend.x < STEPS * SWATCH_PX + 3 && legend.y < SWATCH_PX + 3) {
+    if (u_legend && all(greaterThanEqual(legend, ivec2(-3))) && legend.x < STEPS * SWATCH_PX + 3 && legend.y < SWATCH_PX + 3) {
         colour = vec3(0.0);
         int step_number = legend.x / SWATCH_PX;
         if (all(greaterThanEqual(legend, ivec2(0))) && step_number < STEPS && legend.y < SWATCH_PX) {

@@ -23,7 +23,7 @@ from terrain.frame import Frame, FrameStats, Output
 from terrain.gpu.context import Gpu
 from terrain.gpu.frame_block import FrameBlock
 from terrain.gpu.geometry import Geometry
-from terrain.gpu.lines import Lines, blending
+from terrain.gpu.lines import Lines
 from terrain.gpu.targets import Kind, Target, create_target
 from terrain.gpu.timer import GpuTimer
 from terrain.heightfield import Diagonal
@@ -79,6 +79,7 @@ class Stage:
     ) -> None:  # fmt: skip
         self.gpu, self.scene, self.look = gpu, scene, look
         self.frozen: Frame | None = None
+        self.draws_legends = True
         self.bake_budget_ms = math.inf
         self._uniforms = look_uniforms(look, scene.heightfield)
         self._block = FrameBlock(gpu)
@@ -278,13 +279,13 @@ class Stage:
             self._draw_surface(replace(frame, output="overdraw"), counts)
             target.framebuffer.use()
             target.framebuffer.clear(depth=0.0)
-            self._overlays.draw_overdraw(counts)
+            self._overlays.draw_overdraw(counts, self.draws_legends and frame.corner_px == (0, 0))
         else:
             self._draw_surface(replace(frame, output=output), target)
         if output == "shaded" and view != "error":
             self._draw_surroundings()
         if view == "wireframe":
-            self._draw_wireframe(frame)
+            self._overlays.draw_wires(target, lambda: self.renderer.draw(replace(frame, output="flat")))
         elif view == "boxes":
             self._overlays.draw_boxes(frame, self.renderer.boxes())
         if self.frozen is not None:
@@ -302,15 +303,6 @@ class Stage:
             ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
             self._water.render("shaded", vertices=3)
             ctx.disable(moderngl.BLEND)
-
-    def _draw_wireframe(self, frame: Frame) -> None:
-        """The renderer's triangles once more, as lines a little nearer than they are."""
-        ctx = self.gpu.ctx
-        with blending(self.gpu):
-            ctx.wireframe = True
-            ctx.polygon_offset = 1.0, 1.0
-            self.renderer.draw(replace(frame, output="flat"))
-            ctx.polygon_offset = 0.0, 0.0
 
     def render(
         self, camera: Camera, size_px: tuple[int, int], view: View = "shaded", time_s: float = 0.0

@@ -6,6 +6,7 @@ the shaded picture; none knows an algorithm.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import moderngl
@@ -46,6 +47,7 @@ VIEWS: dict[View, ViewHelp] = {
 }
 
 FLOATS_PER_BOX = 7
+WIRE_LEVELS = 3  # of mipmaps, for the density of lines
 BOX_LINE_PX = 1.4
 HIDDEN_OPACITY = 0.18  # of box edges that the ground hides
 FRUSTUM_COLOUR = (1.0, 0.35, 0.1, 0.95)
@@ -58,6 +60,8 @@ class Overlays:
         self._gpu = gpu
         self.lines = Lines(gpu)
         self._heat = Geometry(gpu, "fullscreen", "view_overdraw")
+        self._wires = Geometry(gpu, "fullscreen", "view_wires")
+        self._marked: moderngl.Texture | None = None  # a picture with its lines marked
         self._error_pass = Geometry(gpu, "fullscreen", "measure_error")
         self._error_heat = Geometry(gpu, "fullscreen", "view_error")
         self._box_buffer = gpu.ctx.buffer(reserve=4 * FLOATS_PER_BOX * 1024, dynamic=True)
@@ -84,8 +88,42 @@ class Overlays:
                 program["u_opacity"] = opacity
                 self._boxes.render("flat", moderngl.TRIANGLES, 72, instances=count)
 
-    def draw_overdraw(self, counts: Target) -> None:
-        """The counts as colours, with a legend."""
+    def draw_wires(self, target: Target, draw_lines: Callable[[], None]) -> None:
+        """Lines over a picture, fainter where they are dense.
+
+        ``draw_lines`` marks them in the target's alpha; colours and depth stay as they are meanwhile.
+        """
+        ctx, framebuffer = self._gpu.ctx, target.framebuffer
+        framebuffer.use()
+        framebuffer.color_mask = False, False, False, True
+        framebuffer.depth_mask = False
+        framebuffer.clear()
+        ctx.wireframe = True
+        ctx.polygon_offset = 1.0, 1.0
+        try:
+            draw_lines()
+        finally:
+            ctx.polygon_offset = 0.0, 0.0
+            ctx.wireframe = False
+            framebuffer.depth_mask = True
+            framebuffer.color_mask = True, True, True, True
+        if self._marked is None or self._marked.size != target.size_px:
+            if self._marked is not None:
+                self._marked.release()
+            self._marked = ctx.texture(target.size_px, 4)
+            self._marked.repeat_x = self._marked.repeat_y = False
+        ctx.copy_framebuffer(self._marked, framebuffer)
+        self._marked.build_mipmaps(0, WIRE_LEVELS)
+        self._marked.filter = moderngl.LINEAR_MIPMAP_NEAREST, moderngl.NEAREST
+        framebuffer.use()
+        self._marked.use(UNITS["u_source"])
+        ctx.disable(moderngl.DEPTH_TEST)
+        self._wires.render("flat", vertices=3)
+        self._gpu.prepare_state()
+
+    def draw_overdraw(self, counts: Target, legend: bool = True) -> None:
+        """The counts as colours, with or without a legend in the picture."""
+        self._heat.program("flat")["u_legend"] = legend
         self._draw_from(counts, "u_source", self._heat, "flat")
 
     def measure_error(self, positions: Target, diagonal: Diagonal) -> None:
@@ -113,8 +151,11 @@ class Overlays:
         self.lines.draw(frame, frustum_segments(frozen.camera, frozen.aspect, far_m), FRUSTUM_COLOUR, 2.0, 0.4)
 
     def release(self) -> None:
-        for part in (self._heat, self._error_pass, self._error_heat, self._boxes, self._box_buffer, self.lines):
+        parts = self._heat, self._wires, self._error_pass, self._error_heat, self._boxes, self._box_buffer, self.lines
+        for part in parts:
             part.release()
+        if self._marked is not None:
+            self._marked.release()
 
 
 def frustum_segments(camera: Camera, aspect: float, far_m: float) -> Floats:

@@ -43,6 +43,6 @@ void write_surface(vec3 position_m, vec2 ground, float level) {
 #elif defined(OUTPUT_OVERDRAW)
     out_count = 1.0;
 #elif defined(OUTPUT_FLAT)
-    out_colour = vec4(0.03, 0.03, 0.05, 0.34);  // a line of the wireframe view
+    out_colour = vec4(1.0);  // the mark of a line; view_wires.frag makes it visible
 #endif
 }

@@ -45,6 +45,7 @@ class _Variant:
     program: moderngl.Program
     files: tuple[str, ...]
     stamp: tuple[int, ...]
+    error: str = ""  # why what is on disk now is not what draws
 
 
 class Programs:
@@ -96,10 +97,17 @@ class Programs:
             variant.stamp = stamp
             try:
                 self._variants[key] = self._compile(key[0], key[1], dict(key[2]))
+                _keep_uniforms(variant.program, self._variants[key].program)
                 self.generation += 1
             except (ShaderError, OSError) as error:
-                errors.append(str(error))
+                variant.error = str(error)
+                errors.append(variant.error)
         return errors
+
+    @property
+    def errors(self) -> list[str]:
+        """Why programs could not be reloaded, each message once; empty again when all is mended."""
+        return list(dict.fromkeys(variant.error for variant in self._variants.values() if variant.error))
 
     def release(self) -> None:
         for variant in self._variants.values():
@@ -125,6 +133,19 @@ class Programs:
 
     def _stamp(self, files: tuple[str, ...]) -> tuple[int, ...]:
         return tuple((self.root / f).stat().st_mtime_ns if (self.root / f).exists() else 0 for f in files)
+
+
+def _keep_uniforms(old: moderngl.Program, new: moderngl.Program) -> None:
+    """Give a reloaded program what was set on the one before, where both have it."""
+    for name in new:
+        member, before = new[name], old.get(name, None)
+        are_uniforms = isinstance(member, moderngl.Uniform) and isinstance(before, moderngl.Uniform)
+        if are_uniforms and name not in UNITS and _shape(member) == _shape(before):
+            member.value = before.value
+
+
+def _shape(uniform: moderngl.Uniform) -> tuple[int, int]:
+    return uniform.dimension, uniform.array_length
 
 
 def flatten(

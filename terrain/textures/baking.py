@@ -109,6 +109,7 @@ class Baker:
         self._is_stale = np.ones(len(self._tiles), np.bool_)
         self._turn = 0
         self._design: Design | None = None
+        self._generation = gpu.programs.generation
         self._tile_ms = 0.0  # what a tile costs here, measured when all are baked
 
     @property
@@ -145,6 +146,9 @@ class Baker:
         if design != self._design:
             self._design = design
             self._is_stale[:] = True
+        if self._gpu.programs.generation != self._generation:  # shaders were reloaded
+            self._generation = self._gpu.programs.generation
+            self._is_stale[:], self._sky_is_baked = True, False
         if self.is_done:
             return
         block.write(NADIR, self._heightfield, look)

@@ -74,6 +74,25 @@ def test_lines_behind_a_ridge_are_hidden(gpu):
     assert differs.mean() < 0.005  # the light of hidden hills reaches over the ridge's ends
 
 
+def test_lines_are_plain_near_the_eye_and_fade_where_they_are_dense(gpu):
+    # Cells of 10 m, seen from 30 m above: some 30 px wide at the bottom, far below a pixel at the horizon.
+    terrain = Heightfield(np.zeros((513, 513), np.float32), (10.0, 10.0))
+    stage = Stage(gpu, open_scene(terrain), "reference")
+    camera = Camera((2560.0, 30.0, 5100.0), 0.0, -10.0)
+    shaded, wires = (
+        stage.render(camera, SIZE_PX, view).astype(float).mean(axis=-1) for view in ("shaded", "wireframe")
+    )
+    positions = stage.positions(camera, SIZE_PX)
+    stage.release()
+    distance_m = np.linalg.norm(positions - camera.eye_m, axis=-1)
+    kept = wires / np.maximum(shaded, 1.0)
+    near, far = kept[distance_m < 80.0], kept[distance_m > 2000.0]
+    assert near.min() < 0.6, "a line is seen"
+    assert np.median(near) > 0.95, "the ground between lines is as it was"
+    assert far.mean() > 0.75, "where all is lines the ground is still seen"
+    assert kept[np.isnan(distance_m)].mean() > 0.99, "the sky has no lines"
+
+
 def test_boxes_frame_the_terrain(plane):
     shaded = plane.render(DOWN, SIZE_PX).astype(int)
     boxes = plane.render(DOWN, SIZE_PX, "boxes").astype(int)

@@ -111,3 +111,8 @@ def test_a_broken_change_keeps_the_old_program_and_says_where(programs, folder):
     assert "lib/a.glsl:1" in message
     assert programs.get("one", "one", {}) is before
     assert programs.reload_changed() == []  # said once
+    assert programs.errors == [message]  # and known until it is mended
+    touch(folder / "lib" / "a.glsl", INCLUDED)
+    assert programs.reload_changed() == []
+    assert programs.errors == []
+    assert programs.get("one", "one", {}) is not before
