@@ -139,13 +139,10 @@ def _keep_uniforms(old: moderngl.Program, new: moderngl.Program) -> None:
     """Give a reloaded program what was set on the one before, where both have it."""
     for name in new:
         member, before = new[name], old.get(name, None)
-        are_uniforms = isinstance(member, moderngl.Uniform) and isinstance(before, moderngl.Uniform)
-        if are_uniforms and name not in UNITS and _shape(member) == _shape(before):
+        if name in UNITS or not isinstance(member, moderngl.Uniform) or not isinstance(before, moderngl.Uniform):
+            continue
+        if (member.dimension, member.array_length) == (before.dimension, before.array_length):
             member.value = before.value
-
-
-def _shape(uniform: moderngl.Uniform) -> tuple[int, int]:
-    return uniform.dimension, uniform.array_length
 
 
 def flatten(
