@@ -1,0 +1,292 @@
+"""Texture trees on the GPU: every pixel shows the tile it should, whatever is missing, evicted or broken.
+
+Tiles of the sources here tell by their colour which tile they are.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from terrain.camera import Camera
+from terrain.errors import InputError
+from terrain.heightfield import Heightfield
+from terrain.renderers import RENDERERS
+from terrain.scene import open_scene
+from terrain.stage import Stage
+from terrain.textures.array_source import ArraySource, whole_extent
+from terrain.textures.atlas import SLOTS_PER_LAYER
+from terrain.textures.look import LookSettings
+from terrain.textures.tree import SLOT_PX, TILE_PX
+
+SIZE_PX = (160, 100)
+CLEAR = LookSettings(fog=False)
+POSTS, SPACING_M = 129, 10.0
+EXTENT_M = (POSTS - 1) * SPACING_M
+
+
+def colour_of(level, row, col):
+    return np.array([20 + 28 * level, 20 + row % 16 * 14, 20 + col % 16 * 14], np.uint8)
+
+
+class CodedSource:
+    """Each tile in its own colour. Tiles named in ``broken`` cannot be read; others wait for the gate of their level."""
+
+    notes, is_final, name = (), True, "coded"
+
+    def __init__(self, terrain, size_px, broken=(), closed_below=0):
+        self.size_px, self.image_from_post = size_px, whole_extent(terrain)
+        self.broken, self.revision = set(broken), 0
+        self.gate, self._closed_below = threading.Event(), closed_below
+        self.read = []
+
+    def read_tile(self, level, row, col):
+        if level < self._closed_below:
+            self.gate.wait(10.0)
+        if (level, row, col) in self.broken:
+            raise OSError("damaged")
+        self.read.append((level, row, col))
+        tile = np.full((SLOT_PX, SLOT_PX, 4), 255, np.uint8)
+        tile[..., :3] = colour_of(level, row, col)
+        return tile
+
+    def close(self):
+        self.gate.set()
+
+
+def flat():
+    return Heightfield(np.zeros((POSTS, POSTS), np.float32), (SPACING_M, SPACING_M))
+
+
+@pytest.fixture
+def staged(gpu):
+    made = []
+
+    def make(*sources, terrain=None, algorithm="reference", look=CLEAR):
+        stage = Stage(gpu, open_scene(terrain or flat()), algorithm, look=look)
+        made.append((stage, sources))
+        stage.set_images(sources)
+        return stage
+
+    yield make
+    for stage, sources in made:
+        for source in sources:
+            source.close()
+        stage.release()
+    assert not any(thread.name.startswith("tiles-") for thread in threading.enumerate())
+
+
+def oblique(x=0.35, z=0.9, height_m=60.0, yaw=10.0, pitch=-18.0):
+    return Camera((x * EXTENT_M, height_m, z * EXTENT_M), yaw, pitch)
+
+
+def draw_once(stage, camera):
+    """A picture as the window draws it: with what is there."""
+    target = stage.target(SIZE_PX)
+    stage.draw(stage.frame(camera, SIZE_PX), target)
+    return target.read()[..., :3].astype(int)
+
+
+def texels_of(stage, source, camera):
+    """Level 0 pixel (height, width, 2) seen in each pixel of the picture; NaN where there is none."""
+    world = stage.positions(camera, SIZE_PX)
+    posts = np.stack([world[..., 0] / SPACING_M, world[..., 2] / SPACING_M, np.ones(world.shape[:2])], axis=-1)
+    return posts @ source.image_from_post.T * source.size_px
+
+
+def levels_shown(picture, px):
+    """Level of the tile each pixel shows (-1 where there is none), having checked that it is a tile over that pixel."""
+    height, width = px.shape[:2]
+    level = np.full((height, width), -1)
+    with np.errstate(invalid="ignore"):
+        for k in range(8):
+            reach = TILE_PX << k
+            inner = (np.abs((px + reach / 2) % reach - reach / 2) > 2.0).all(axis=-1)  # clear of the tile's edge
+            tile = np.floor(px / reach)
+            expected = np.stack(
+                [20.0 + 28 * k + 0 * tile[..., 0], 20 + tile[..., 1] % 16 * 14, 20 + tile[..., 0] % 16 * 14], -1
+            )
+            level[(np.abs(picture - expected).max(axis=-1) <= 4) & inner] = k
+    return level
+
+
+def inner_share(picture, px, stage):
+    """Share of the ground's pixels that show a tile over them; pixels at the edge of a tile are not judged."""
+    seen = np.isfinite(px[..., 0]) & (px > 2).all(axis=-1)
+    level = levels_shown(picture, px)
+    with np.errstate(invalid="ignore"):
+        at_edge = (np.abs((px + TILE_PX / 2) % TILE_PX - TILE_PX / 2) <= 2.0).any(axis=-1)
+    judged = seen & ~at_edge
+    return (level[judged] >= 0).mean(), level, judged
+
+
+@pytest.mark.parametrize("algorithm", RENDERERS)
+def test_every_pixel_shows_the_tile_that_was_chosen_for_it(staged, algorithm):
+    terrain = flat()
+    source = CodedSource(terrain, (3000, 2200))
+    stage = staged(source, terrain=terrain, algorithm=algorithm)
+    camera = oblique()
+    picture = stage.render(camera, SIZE_PX).astype(int)
+    px = texels_of(stage, source, camera)
+    share, level, judged = inner_share(picture, px, stage)
+    assert judged.sum() > 3000
+    assert share == 1.0
+    member = stage.trees._members[0]
+    chosen = np.full(member.pages.tree.shapes[0], -1)
+    chosen.ravel()[member.selection.cell] = member.selection.level
+    col, row = (np.floor(px[judged] / TILE_PX).astype(int)).T
+    assert np.array_equal(level[judged], chosen[row, col])
+    assert len(np.unique(level[judged])) >= 3  # near and far
+
+
+def test_filtering_knows_no_edges_of_tiles(staged):
+    """A ramp stays a ramp, across tiles and levels."""
+    terrain = flat()
+    row, col = np.mgrid[:1500, :1500]
+    ramp = np.stack([col * 200 / 1500, row * 200 / 1500, 0 * row], axis=-1).astype(np.uint8)
+    source = ArraySource("ramp", ramp, whole_extent(terrain))
+    stage = staged(source, terrain=terrain)
+    camera = oblique()
+    picture = stage.render(camera, SIZE_PX).astype(int)
+    px = texels_of(stage, source, camera)
+    seen = np.isfinite(px[..., 0])
+    assert np.abs(picture[seen][:, :2] - px[seen] * 200 / 1500).max() <= 4.0
+
+
+def test_parents_are_shown_until_tiles_come(staged):
+    terrain = flat()
+    source = CodedSource(terrain, (3000, 3000), closed_below=3)
+    stage = staged(source, terrain=terrain)
+    camera = oblique()
+    px = texels_of(stage, source, camera)
+    for _ in range(25):  # all that can be read is there long before
+        draw_once(stage, camera)
+        stage.trees.wait(0.01)
+    picture = draw_once(stage, camera)
+    share, level, judged = inner_share(picture, px, stage)
+    assert share == 1.0
+    assert level[judged].min() == 3  # nothing finer can be read yet
+    assert stage.is_loading
+    assert stage.renderer.stats.extra["tiles missing"] > 0
+    source.gate.set()
+    picture = stage.render(camera, SIZE_PX).astype(int)
+    share, level, judged = inner_share(picture, px, stage)
+    assert share == 1.0
+    assert level[judged].min() == 0
+    assert not stage.is_loading
+    assert stage.renderer.stats.extra["tiles missing"] == 0
+
+
+def test_whatever_is_evicted_no_pixel_ever_shows_a_wrong_tile_and_the_budget_holds(staged):
+    """A flight over an image of which the budget holds a part, drawn without ever waiting."""
+    terrain = flat()
+    source = CodedSource(terrain, (20_000, 20_000))
+    stage = staged(source, terrain=terrain, look=replace(CLEAR, texture_budget_mib=16))
+    slots = 16 * 2**20 // (4 * SLOT_PX * SLOT_PX)
+    assert slots % SLOTS_PER_LAYER == 0
+    there = np.linspace(0.1, 0.9, 6)
+    for step, way in enumerate([*there, *there[::-1], *there]):  # what was evicted comes into view again
+        camera = oblique(way, 1.0 - 0.8 * way, 30.0, 40.0)
+        for _ in range(4):
+            picture = draw_once(stage, camera)
+            stage.trees.wait(0.02)
+        if step:  # the root is there before the first picture that is judged
+            share, _, judged = inner_share(picture, texels_of(stage, source, camera), stage)
+            assert judged.sum() > 1000
+            assert share == 1.0
+        assert stage.trees._slots.used <= slots
+        assert stage.trees.resident_bytes <= 16 * 2**20
+    assert len(source.read) > 2 * slots  # half of them were evicted
+
+
+def test_a_tile_that_cannot_be_read_is_told_once_and_its_parent_shown(staged):
+    terrain = flat()
+    camera = Camera((EXTENT_M / 2, 500.0, EXTENT_M / 2), 0.0, -90.0)
+    stage = staged(CodedSource(terrain, (1500, 1500), broken={(1, 1, 1), (1, 1, 2)}), terrain=terrain)
+    source = stage.trees._members[0].source
+    stage.set_look(replace(CLEAR, texture_tolerance_px2=8.0))
+    while not stage.load_tiles(stage.frame(camera, SIZE_PX)):
+        pass
+    picture = draw_once(stage, camera)
+    px = texels_of(stage, source, camera)
+    share, level, judged = inner_share(picture, px, stage)
+    assert share == 1.0
+    wanted = stage.trees._members[0].selection
+    if (wanted.level == 1).any():
+        at = judged & (np.floor(px / (2 * TILE_PX)) == 1).all(axis=-1)
+        assert (level[at] >= 2).all()
+        (message,) = stage.trees.take_messages()
+        assert "coded" in message
+    assert stage.trees.take_messages() == []
+
+
+def test_an_image_of_which_nothing_can_be_read_is_refused(staged):
+    terrain = flat()
+    stage = staged(CodedSource(terrain, (100, 100), broken={(0, 0, 0)}), terrain=terrain)
+    with pytest.raises(InputError, match="coded"):
+        stage.render(oblique(), SIZE_PX)
+
+
+def test_several_images_lie_over_one_another_where_each_has_something_to_show(staged):
+    terrain = flat()
+    red = np.zeros((64, 64, 4), np.uint8)
+    red[:, :32] = (200, 0, 0, 255)
+    blue = np.zeros((64, 64, 4), np.uint8)
+    blue[32:] = (0, 0, 200, 128)
+    sources = [ArraySource(name, pixels, whole_extent(terrain)) for name, pixels in (("red", red), ("blue", blue))]
+    bare = staged(terrain=terrain)
+    camera = Camera((EXTENT_M / 2, 1000.0, EXTENT_M / 2), 0.0, -90.0, fov_deg=50.0)
+    ground = bare.render(camera, (100, 100)).astype(int)
+    picture = staged(*sources, terrain=terrain).render(camera, (100, 100)).astype(int)
+    for (row, col), expected in (
+        ((25, 25), [200, 0, 0]), ((25, 75), ground[25, 75]),
+        ((75, 25), [100, 0, 100]), ((75, 75), [*(ground[75, 75] / 2)[:2], 100 + ground[75, 75, 2] / 2]),
+    ):  # fmt: skip
+        assert np.abs(picture[row, col] - expected).max() <= 3, (row, col)
+
+
+def test_changed_content_is_read_again_and_the_old_shown_meanwhile(staged):
+    terrain = flat()
+    source = ArraySource("one", np.full((300, 300, 3), 90, np.uint8), whole_extent(terrain))
+    stage = staged(source, terrain=terrain)
+    camera = Camera((EXTENT_M / 2, 500.0, EXTENT_M / 2), 0.0, -90.0)
+    assert np.abs(stage.render(camera, SIZE_PX)[50, 80].astype(int) - 90).max() <= 2
+    source.replace(np.full((300, 300, 3), 180, np.uint8))
+    assert np.abs(draw_once(stage, camera)[50, 80] - 90).max() <= 2
+    assert stage.is_loading
+    assert np.abs(stage.render(camera, SIZE_PX)[50, 80].astype(int) - 180).max() <= 2
+
+
+def test_images_may_come_and_go_and_the_budget_may_change(staged):
+    terrain = flat()
+    coded, small = CodedSource(terrain, (2000, 2000)), CodedSource(terrain, (100, 3000))
+    stage = staged(coded, terrain=terrain)
+    camera = oblique()
+    alone = stage.render(camera, SIZE_PX)
+    number = stage.trees.add(small)
+    stage.render(camera, SIZE_PX)
+    stage.trees.remove(number)
+    assert np.array_equal(stage.render(camera, SIZE_PX), alone)
+    stage.set_look(replace(CLEAR, texture_budget_mib=64))
+    assert np.array_equal(stage.render(camera, SIZE_PX), alone)
+    stage.set_images([])
+    bare = staged(terrain=terrain)
+    assert np.array_equal(stage.render(camera, SIZE_PX), bare.render(camera, SIZE_PX))
+
+
+def test_the_same_picture_twice(staged):
+    terrain = flat()
+    pictures = [
+        staged(CodedSource(terrain, (5000, 5000)), terrain=terrain).render(oblique(), SIZE_PX) for _ in range(2)
+    ]
+    assert np.array_equal(*pictures)
+
+
+def test_no_more_images_than_the_shaders_know_are_taken(staged):
+    terrain = flat()
+    sources = [ArraySource(str(i), np.zeros((4, 4, 3), np.uint8), whole_extent(terrain)) for i in range(17)]
+    with pytest.raises(InputError, match="at most 16"):
+        staged(*sources, terrain=terrain)
