@@ -34,7 +34,7 @@ from terrain.textures.ground import Ground
 from terrain.textures.look import LookSettings, bake_design, look_uniforms, shading_defines
 from terrain.textures.sky import Sky
 from terrain.textures.tree import TileSource
-from terrain.textures.trees import Trees
+from terrain.textures.trees import FIGURES, Trees
 from terrain.views import Overlays, View, overdraw_figures
 
 # Views of what a fragment writes; all others draw over the shaded picture.
@@ -248,7 +248,7 @@ class Stage:
         if self.trees.count:
             self._update_trees(frame)
             self.trees.bind()
-            stats.extra = {**stats.extra, **self.trees.figures}
+        stats.extra = {name: value for name, value in stats.extra.items() if name not in FIGURES} | self.trees.figures
 
     def _update_trees(self, frame: Frame) -> None:
         if self._culler is None:

@@ -11,16 +11,14 @@ import numpy.typing as npt
 
 from terrain.gpu.context import Gpu
 from terrain.gpu.programs import UNITS
-from terrain.textures.pages import NO_PAGE
-from terrain.textures.tree import SLOT_BYTES, SLOT_PX, Ints, Pixels
+from terrain.textures.tree import BORDER_PX, SLOT_BYTES, SLOT_PX, TILE_PX, Ints, Pixels
 
 SLOTS_PER_SIDE = 4  # of a layer
 SLOTS_PER_LAYER = SLOTS_PER_SIDE * SLOTS_PER_SIDE
 LAYER_PX = SLOTS_PER_SIDE * SLOT_PX
 LAYER_BYTES = SLOTS_PER_LAYER * SLOT_BYTES
-MOST_LAYERS = 255  # a page names its layer by a byte
 
-Table = npt.NDArray[np.uint8]
+Table = npt.NDArray[np.float32]
 
 
 class Atlas:
@@ -35,7 +33,7 @@ class Atlas:
 
     def __init__(self, gpu: Gpu, budget_bytes: int) -> None:
         self._gpu = gpu
-        most_layers = min(MOST_LAYERS, int(gpu.ctx.info["GL_MAX_ARRAY_TEXTURE_LAYERS"]))
+        most_layers = int(gpu.ctx.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
         self.most_slots = SLOTS_PER_LAYER * min(max(budget_bytes // LAYER_BYTES, 1), most_layers)
         self.slots = 0
         self._texture: moderngl.TextureArray | None = None
@@ -76,7 +74,7 @@ class Atlas:
 
 
 class PageTables:
-    """A page per cell and tree: column and row of the slot in its layer, the layer, and the level of the tile there."""
+    """An entry per cell and tree: in which layer of the atlas to look, and where for which pixel."""
 
     def __init__(self, gpu: Gpu, trees: int) -> None:
         self._gpu, self._trees = gpu, trees
@@ -121,7 +119,7 @@ class PageTables:
         size = (max(cols, old.width if old else 1), max(rows, old.height if old else 1))
         kept = self._written
         self.release()
-        self._texture = self._gpu.ctx.texture_array((*size, self._trees), 4, dtype="u1")
+        self._texture = self._gpu.ctx.texture_array((*size, self._trees), 4, dtype="f4")
         self._texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._written = {}
         for tree, table in kept.items():
@@ -134,8 +132,15 @@ def slot_places(slots: Ints) -> Ints:
     return np.stack([within % SLOTS_PER_SIDE, within // SLOTS_PER_SIDE, slots // SLOTS_PER_LAYER], axis=-1)
 
 
-def page_entries(slots: Ints, levels: Ints) -> Table:
-    """(n, 4): entries of the page table; `NO_PAGE` where there is no slot."""
-    entries = np.concatenate([slot_places(np.maximum(slots, 0)), levels[:, None]], axis=1)
-    entries[slots < 0] = (0, 0, 0, NO_PAGE)
-    return entries.astype(np.uint8)
+def page_entries(slots: Ints, levels: Ints, rows: Ints, cols: Ints) -> Table:
+    """(n, 4): entries of the page table for cells, whose tiles of some levels are in some slots (below 0: in none).
+
+    A pixel of level 0 is found at ``entry[:2] + entry[2] * pixel`` of layer ``entry[3]``.
+    """
+    entries = np.empty((len(slots), 4), np.float32)
+    places = slot_places(np.maximum(slots, 0))
+    for axis, at in enumerate((cols, rows)):
+        entries[:, axis] = (places[:, axis] * SLOT_PX + BORDER_PX - (at >> levels) * TILE_PX) / LAYER_PX
+    entries[:, 2] = 2.0 ** -levels.astype(np.float64) / LAYER_PX
+    entries[:, 3] = np.where(slots < 0, -1, places[:, 2])
+    return entries

@@ -15,7 +15,6 @@ from terrain.textures.select import Selection
 from terrain.textures.tree import Ints, TextureTree
 
 ABSENT, FAILED = -1, -2
-NO_PAGE = 255  # as the level of a page: nothing is resident yet
 
 
 class Slots:
@@ -74,17 +73,13 @@ class Pages:
         return (self.slot[tiles] == ABSENT) | (self.revision[tiles] != revision)
 
     def shown(self, selection: Selection) -> tuple[Ints, Ints]:
-        """Slot and level shown in each cell of a selection; slot ABSENT where not even the root is resident."""
+        """Slot and level shown in each cell of a selection; slot ABSENT where not even the root is resident yet."""
         tree = self.tree
         row, col = selection.cell // tree.shapes[0, 1], selection.cell % tree.shapes[0, 1]
         slot = np.full(len(row), ABSENT, np.int64)
-        level = np.full(len(row), NO_PAGE, np.int64)
+        level = np.full(len(row), tree.top_level, np.int64)
         for k in range(tree.top_level, -1, -1):
             found = self.slot[tree.number_of(k, row >> k, col >> k)]
             better = (found >= 0) & (selection.level <= k)
             slot, level = np.where(better, found, slot), np.where(better, k, level)
         return slot, level
-
-    def root_slot(self) -> int:
-        """Slot of the root tile, or ABSENT."""
-        return max(int(self.slot[-1]), ABSENT)

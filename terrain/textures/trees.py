@@ -18,7 +18,7 @@ from terrain.errors import InputError
 from terrain.frame import Frame
 from terrain.gpu.context import Gpu
 from terrain.gpu.programs import TREES_BINDING
-from terrain.textures.atlas import Atlas, PageTables, page_entries
+from terrain.textures.atlas import Atlas, PageTables, Table, page_entries
 from terrain.textures.pages import ABSENT, FAILED, Pages, Slots
 from terrain.textures.select import Selection, select_for_levels, select_levels
 from terrain.textures.streaming import Request, Result, TileStream
@@ -27,6 +27,8 @@ from terrain.textures.tree import SLOT_BYTES, Floats, Ints, TextureTree, TileSou
 TREE_LIMIT = 16  # as in shaders/lib/pages.glsl
 UPLOAD_BYTES = 4 << 20  # per frame at most ...
 UPLOAD_MS = 3.0  # ... and no further tile after this time
+FIGURES = ("tiles resident", "tiles loading", "tiles missing", "tiles MiB")
+EDGE = 1e-6  # of an image's size: what is nearer to its far edges must not be rounded to a tile beyond
 MOST_REQUESTS = 64  # handed to the workers at a time; the list is made anew in every frame
 
 
@@ -163,13 +165,11 @@ class Trees:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Counters for the panel."""
-        return {
-            "texture tiles": self._slots.used,
-            "tiles loading": self._stream.loading,
-            "tiles missing": self._misses,
-            "texture MiB": self._slots.used * SLOT_BYTES / 2**20,
-        }
+        """Counters for the panel, named as in `FIGURES`; none without trees."""
+        if not self._members:
+            return {}
+        mib = self._slots.used * SLOT_BYTES / 2**20
+        return dict(zip(FIGURES, (self._slots.used, self._stream.loading, self._misses, mib), strict=True))
 
     @property
     def resident_bytes(self) -> int:
@@ -261,23 +261,23 @@ class Trees:
         self._stream.want([request for _, request in queue[:MOST_REQUESTS]])
 
     def _write_block(self) -> None:
-        """The uniform block: for each tree the affine map from ground coordinates to pixels, and its size."""
+        """The uniform block: for each tree the affine map from ground coordinates to pixels, and the last pixel."""
         block = np.zeros((TREE_LIMIT, 3, 4), np.float32)
         cols, rows = self._grid
         post_from_ground = np.array([[cols, 0.0, -0.5], [0.0, rows, -0.5], [0.0, 0.0, 1.0]])
         for number, member in self._members.items():
             tree = member.pages.tree
             block[number, :2, :3] = np.diag(tree.size_px) @ tree.image_from_post @ post_from_ground
-            block[number, 2] = (*tree.size_px, *tree.shapes[0, ::-1])
+            block[number, 2, :2] = np.array(tree.size_px) * (1.0 - EDGE)
         self._block.write(block.tobytes())
 
 
-def _page_table(member: _Member) -> np.ndarray:
+def _page_table(member: _Member) -> Table:
     """(rows, cols, 4): what is shown in the visible cells, and the root everywhere else."""
-    pages = member.pages
-    root = np.array([max(int(pages.slot[-1]), ABSENT)])
-    rows, cols = pages.tree.shapes[0]
-    table = np.empty((rows * cols, 4), np.uint8)
-    table[:] = page_entries(root, np.array([pages.tree.top_level]))
-    table[member.selection.cell] = page_entries(*pages.shown(member.selection))
-    return table.reshape(rows, cols, 4)
+    pages, cell = member.pages, member.selection.cell
+    tree, shape = pages.tree, member.pages.tree.shapes[0]
+    every = np.indices(shape).reshape(2, -1)
+    top = np.full(every.shape[1], tree.top_level)
+    table = page_entries(np.full(top.shape, pages.slot[-1]), top, every[0], every[1])
+    table[cell] = page_entries(*pages.shown(member.selection), every[0, cell], every[1, cell])
+    return table.reshape(*shape, 4)

@@ -33,7 +33,7 @@ def colour_of(level, row, col):
 
 
 class CodedSource:
-    """Each tile in its own colour. Tiles named in ``broken`` cannot be read; others wait for the gate of their level."""
+    """Each tile in its own colour. Those named in ``broken`` cannot be read; fine ones wait for the gate."""
 
     notes, is_final, name = (), True, "coded"
 
@@ -187,19 +187,20 @@ def test_whatever_is_evicted_no_pixel_ever_shows_a_wrong_tile_and_the_budget_hol
     stage = staged(source, terrain=terrain, look=replace(CLEAR, texture_budget_mib=16))
     slots = 16 * 2**20 // (4 * SLOT_PX * SLOT_PX)
     assert slots % SLOTS_PER_LAYER == 0
-    there = np.linspace(0.1, 0.9, 6)
-    for step, way in enumerate([*there, *there[::-1], *there]):  # what was evicted comes into view again
+    there = np.linspace(0.1, 0.9, 5)
+    for way in [*there, *there[::-1], *there]:  # what was evicted comes into view again
         camera = oblique(way, 1.0 - 0.8 * way, 30.0, 40.0)
-        for _ in range(4):
-            picture = draw_once(stage, camera)
-            stage.trees.wait(0.02)
-        if step:  # the root is there before the first picture that is judged
-            share, _, judged = inner_share(picture, texels_of(stage, source, camera), stage)
+        at_once = draw_once(stage, camera)
+        px = texels_of(stage, source, camera)
+        while not stage.load_tiles(stage.frame(camera, SIZE_PX)):
+            pass
+        for picture in (at_once, draw_once(stage, camera)):
+            share, _, judged = inner_share(picture, px, stage)
             assert judged.sum() > 1000
-            assert share == 1.0
+            assert share == 1.0 or len(source.read) <= slots  # in the first picture the root may not be there yet
         assert stage.trees._slots.used <= slots
         assert stage.trees.resident_bytes <= 16 * 2**20
-    assert len(source.read) > 2 * slots  # half of them were evicted
+    assert len(source.read) > 3 * slots  # two of three were evicted
 
 
 def test_a_tile_that_cannot_be_read_is_told_once_and_its_parent_shown(staged):
