@@ -18,7 +18,7 @@ from terrain.textures.tree import Pixels, TileNotReady, TileSource
 
 MOST_RESULTS = 32  # tiles read and not yet taken: 8 MiB
 RETRY_S = 0.2  # after a tile was not ready
-POLITENESS = 10  # added to the threads' nice value where that can be done: the picture goes first
+POLITENESS = 5  # added to the threads' nice value where that can be done: the picture goes first
 
 
 class Request(NamedTuple):
