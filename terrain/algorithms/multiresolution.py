@@ -11,7 +11,8 @@ within the tolerance at the point of its box nearest to the eye.
 meshes (`rtin`), and descending only keeps patches small against their distance, so that one error serves a whole patch.
 The paper's alpha is an upright segment of the error's length, seen in perspective; here it is that segment seen
 squarely, which is never less. About 15 % of the patches, where a grid serves worst, are *microstructures*: they get
-TINs in place of grid meshes (`patch_pool`). The paper left open how to find them.
+TINs in place of grid meshes (`patch_pool`). The paper left open how to find them. Imported lines refine the cells they
+cross (`refined_cells`): patches near enough for a line to matter are split down to it and drawn with every post.
 """
 
 from __future__ import annotations
@@ -23,20 +24,24 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.culling import Culler, Nodes
+from terrain.algorithms.refined_cells import PATCH_LEVEL, RefinedCells, refine_cells
 from terrain.algorithms.rtin import Ladder, Rtin, build_rtin
 from terrain.algorithms.rtin_mesh import Patches
+from terrain.breaklines import Breaklines
 from terrain.cache import load_arrays, store_arrays
 from terrain.frame import Frame
 from terrain.heightfield import Heightfield
 from terrain.pyramid import BASE_LEVEL
 
-FINEST_LEVEL = 3  # patches of 8 cells ...
+FINEST_LEVEL = PATCH_LEVEL  # patches of 8 cells ...
 COARSEST_LEVEL = 7  # ... to 128
 SPLIT_RATIO = 16.0  # a patch nearer than this many times its size is split: its far end is 9 % farther at most
 MICROSTRUCTURE_SHARE = 0.15  # the paper: "about 15 % of the reference grid cells exhibit morphologically complex parts"
 MARGIN = 0.97  # of the tolerance is used: 99.9 % of the pixels then stay within 0.8 of it on any terrain tried
 PREVIEW_STRIDE = 4
 CACHE_VERSION = 3
+REFINED = -1  # the rung of refined patches: they have every post
+LINES_SHARE = 0.5  # of the tolerance: lines that would shift the surface by less are left out
 
 Bools = npt.NDArray[np.bool_]
 
@@ -54,12 +59,15 @@ class ApproximationTree:
         For each level from FINEST_LEVEL on, the patches (row, col) to be triangulated freely.
     stride : int
         1, or PREVIEW_STRIDE in a preview, whose errors are bounds against every fourth post only.
+    refined : RefinedCells or None
+        What imported lines made of the cells they cross.
     """
 
     heightfield: Heightfield
     rtin: Rtin
     microstructures: tuple[Bools, ...]
     stride: int = 1
+    refined: RefinedCells | None = None
 
     @cached_property
     def posts_m(self) -> npt.NDArray[np.float32]:
@@ -75,8 +83,14 @@ class ApproximationTree:
         return patches._replace(level=patches.level - np.int32(self.stride.bit_length() - 1))
 
 
-def load_tree(heightfield: Heightfield) -> ApproximationTree:
-    """The tree of a height field, from the disk cache where it was built before; 4097 x 4097 posts take seconds."""
+def load_tree(heightfield: Heightfield, breaklines: Breaklines | None = None) -> ApproximationTree:
+    """The tree of a height field, from the disk cache where it was built before; 4097 x 4097 posts take seconds.
+
+    Raises
+    ------
+    InputError
+        If the lines crowd in one cell.
+    """
     key = f"{heightfield.sha256}-v{CACHE_VERSION}"
     top = _coarsest_level(heightfield)
     arrays = load_arrays("multiresolution", key)
@@ -87,7 +101,10 @@ def load_tree(heightfield: Heightfield) -> ApproximationTree:
         if rtin.drop_rung.size > 1 << 18:  # smaller ones are quicker to build than to keep
             ladder = np.array([rtin.ladder.exact_m, rtin.ladder.base_m])
             store_arrays("multiresolution", key, {"drop_rung": rtin.drop_rung, "ladder": ladder})
-    return ApproximationTree(heightfield, rtin, find_microstructures(rtin))
+    refined = None
+    if breaklines is not None:
+        refined = refine_cells(heightfield, breaklines, rtin.drop_rung.shape, top)
+    return ApproximationTree(heightfield, rtin, find_microstructures(rtin), refined=refined)
 
 
 def build_preview(heightfield: Heightfield) -> ApproximationTree:
@@ -156,24 +173,42 @@ def select_patches(
     horizon : bool
         Whether to leave out what nearer ground hides.
     """
-    nodes = _split_to(culler.select(frame, horizon=horizon, split_ratio=SPLIT_RATIO), tree.coarsest_level, culler)
-    allowed_m = MARGIN * tolerance_px * nodes.distance_m / frame.pixels_per_radian
-    rung = tree.rtin.ladder.coarsest_within(allowed_m)
-    return Patches(nodes.level, nodes.row, nodes.col, rung.astype(np.int32)), nodes
+    nodes = culler.select(frame, horizon=horizon, split_ratio=SPLIT_RATIO)
+    while (large := nodes.level > tree.coarsest_level).any():
+        nodes = _split(nodes, large, culler)
+    metres_per_px = MARGIN * tolerance_px / frame.pixels_per_radian
+    if tree.refined is None:
+        rung = tree.rtin.ladder.coarsest_within(metres_per_px * nodes.distance_m)
+        return Patches(nodes.level, nodes.row, nodes.col, rung.astype(np.int32)), nodes
+    departure_m = _departures(tree.refined, nodes)
+    while (shows := (departure_m > LINES_SHARE * metres_per_px * nodes.distance_m) & (nodes.level > FINEST_LEVEL)).any():
+        nodes = _split(nodes, shows, culler)
+        departure_m = _departures(tree.refined, nodes)
+    rung = tree.rtin.ladder.coarsest_within(metres_per_px * nodes.distance_m - departure_m).astype(np.int32)
+    fine = np.flatnonzero(nodes.level == FINEST_LEVEL)
+    rung[fine[tree.refined.index_of(nodes.row[fine], nodes.col[fine]) >= 0]] = REFINED
+    return Patches(nodes.level, nodes.row, nodes.col, rung), nodes
 
 
-def _split_to(nodes: Nodes, coarsest: int, culler: Culler) -> Nodes:
-    """Nodes larger than the coarsest patches, split until none is."""
-    while (large := nodes.level > coarsest).any():
-        quarters = np.array([[0, 0, 1, 1], [0, 1, 0, 1]], np.int32)
-        count = np.where(large, 4, 1)
-        owner = np.repeat(np.arange(len(large)), count)
-        quarter = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-        double = np.where(large, 2, 1)[owner].astype(np.int32)
-        down = np.where(large[owner], quarters[:, quarter], 0).astype(np.int32)
-        nodes = Nodes(
-            nodes.level[owner] - (double - 1), nodes.row[owner] * double + down[0], nodes.col[owner] * double + down[1],
-            nodes.distance_m[owner],
-        )  # fmt: skip
-        nodes = nodes.take((nodes.row << nodes.level < culler.cells[0]) & (nodes.col << nodes.level < culler.cells[1]))
-    return nodes
+def _departures(refined: RefinedCells, nodes: Nodes) -> npt.NDArray[np.float32]:
+    """How far the lines in each node may take the surface from the posts' own [m]."""
+    departure_m = np.zeros(len(nodes.level), np.float32)
+    for level, of_level in enumerate(refined.departure_m, FINEST_LEVEL):
+        here = np.flatnonzero(nodes.level == level)
+        departure_m[here] = of_level[nodes.row[here], nodes.col[here]]
+    return departure_m
+
+
+def _split(nodes: Nodes, which: Bools, culler: Culler) -> Nodes:
+    """The nodes with some replaced by their quarters inside the grid, which keep their distance."""
+    quarters = np.array([[0, 0, 1, 1], [0, 1, 0, 1]], np.int32)
+    count = np.where(which, 4, 1)
+    owner = np.repeat(np.arange(len(which)), count)
+    quarter = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    double = np.where(which, 2, 1)[owner].astype(np.int32)
+    down = np.where(which[owner], quarters[:, quarter], 0).astype(np.int32)
+    nodes = Nodes(
+        nodes.level[owner] - (double - 1), nodes.row[owner] * double + down[0], nodes.col[owner] * double + down[1],
+        nodes.distance_m[owner],
+    )  # fmt: skip
+    return nodes.take((nodes.row << nodes.level < culler.cells[0]) & (nodes.col << nodes.level < culler.cells[1]))

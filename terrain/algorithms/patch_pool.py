@@ -2,7 +2,7 @@
 
 Storing every mesh of every patch would take a hundred million triangles for 4097 x 4097 posts; a view needs a few
 thousand patches, and a step of the camera a few new ones. Missing meshes are extracted all at once. *Microstructures*
-are first drawn with the grid mesh, and later, when there is time, with a TIN of the same rim and the same error.
+may get a TIN of the same rim and the same error in place of the grid mesh.
 
 **Source** J. Doellner, "Integrated multiresolution modeling of terrain geometry and terrain texture data", sections
 "Approximation strategies" and "Implementation issues" (patches kept as display lists).
@@ -10,11 +10,13 @@ are first drawn with the grid mesh, and later, when there is time, with a TIN of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.multiresolution import FINEST_LEVEL, ApproximationTree
-from terrain.algorithms.rtin_mesh import Patches, extract_meshes
+from terrain.algorithms.multiresolution import FINEST_LEVEL, REFINED, ApproximationTree
+from terrain.algorithms.rtin_mesh import Meshes, Patches, extract_meshes
 from terrain.algorithms.tin import greedy_tin
 from terrain.algorithms.walls import build_walls
 
@@ -43,39 +45,46 @@ class PatchPool:
     def gather(self, patches: Patches) -> Ints:
         """Post numbers (3 m,) of the triangles of all patches, one patch after another, in their order."""
         slots = self._slots_of(patches)
-        starts, lengths = self._starts[slots], self._lengths[slots]
-        ends = np.cumsum(lengths)
-        place = np.arange(ends[-1] if len(ends) else 0) + np.repeat(starts - (ends - lengths), lengths)
-        return self._posts[place]
+        if not len(slots):
+            return np.empty(0, np.int32)
+        begin = self._starts[slots]
+        end = begin + self._lengths[slots]
+        # New meshes are stored in the order in which they are drawn: neighbours there are copied together.
+        breaks = np.flatnonzero(begin[1:] != end[:-1])
+        runs = zip(begin[np.r_[0, breaks + 1]].tolist(), end[np.r_[breaks, -1]].tolist(), strict=True)
+        return np.concatenate([self._posts[first:last] for first, last in runs])
 
     def walls(self, patches: Patches) -> npt.NDArray[np.float32]:
         """Triangles (m, 3, 4) of the walls between the patches; see `build_walls`."""
         finest = FINEST_LEVEL - (self.tree.stride.bit_length() - 1)
-        return build_walls(self.tree.rtin, self.tree.meshed(patches), finest, self.tree.posts_m)
+        walls = build_walls(self.tree.rtin, self.tree.meshed(patches), finest, self.tree.posts_m)
+        if self.tree.refined is None:
+            return walls
+        lined = patches.take(patches.rung == REFINED)
+        return np.concatenate([walls, self.tree.refined.fins_of(self.tree.refined.index_of(lined.row, lined.col))])
 
     def count_tins(self, patches: Patches) -> int:
         """How many of the patches are drawn as TINs."""
         slots = self._slots_of(patches)
         return int(np.count_nonzero(self._is_tin[slots]))
 
-    def refine(self, patches: Patches, count: int) -> int:
-        """Make TINs for at most ``count`` microstructures among the patches, first come first served.
+    def waiting_tins(self, patches: Patches) -> Patches:
+        """The microstructures among the patches for which no TIN has been tried yet."""
+        found = np.flatnonzero(self._is_microstructure(patches))
+        slots = self._slots_of(patches.take(found))
+        return patches.take(found[~self._tried[slots]])
 
-        Returns
-        -------
-        int
-            How many were tried; 0 when every microstructure among the patches has been.
-        """
-        waiting = np.flatnonzero(self._is_microstructure(patches))
-        slots = self._slots_of(patches.take(waiting))
-        waiting = waiting[~self._tried[slots]][:count]
-        for i in waiting:
-            self._triangulate(patches.take(np.array([i])))
-        return len(waiting)
+    def add_tins(self, patches: Patches, tins: Sequence[Ints | None]) -> None:
+        """Replace grid meshes by what `triangulate` gave, where that takes fewer triangles."""
+        for slot, posts in zip(self._slots_of(patches).tolist(), tins, strict=True):
+            self._tried[slot] = True
+            if posts is not None and len(posts) < self._lengths[slot]:
+                self._starts[slot], self._lengths[slot] = self._append(posts), len(posts)
+                self._is_tin[slot] = True
 
     @property
     def resident_bytes(self) -> int:
-        return self._posts.nbytes
+        return 4 * self._used
 
     def _drop_all(self) -> None:
         self._keys: Keys = np.empty(0, np.int64)  # sorted
@@ -84,20 +93,20 @@ class PatchPool:
         self._lengths: Keys = np.empty(0, np.int64)
         self._tried = np.empty(0, np.bool_)
         self._is_tin = np.empty(0, np.bool_)
-        self._posts: Ints = np.empty(1 << 16, np.int32)
+        self._posts: Ints = np.empty(1 << 22, np.int32)  # memory is only taken as it is filled
         self._used = 0
 
     def _slots_of(self, patches: Patches) -> Keys:
         """The place of each patch's mesh, which is extracted where it is missing."""
         keys = _keys_of(patches)
         at, known = self._find(keys)
-        self.extracted = int(np.count_nonzero(~known))
+        missing = np.flatnonzero(~known)
+        self.extracted = len(missing)
         if self.extracted:
             if self._used > self.limit:
                 self._drop_all()
-                known[:] = False
-            missing = np.unique(keys[~known], return_index=True)[1]
-            self._extract(patches.take(np.flatnonzero(~known)[missing]))
+                missing = np.arange(len(keys))
+            self._extract(patches.take(missing), keys[missing])
             at, _ = self._find(keys)
         return self._order[at]
 
@@ -108,17 +117,31 @@ class PatchPool:
         known = self._keys[inside] == keys if len(self._keys) else np.zeros(len(keys), np.bool_)
         return inside, known
 
-    def _extract(self, patches: Patches) -> None:
-        """Add the meshes of new patches, sorted by key."""
-        meshes = extract_meshes(self.tree.rtin, self.tree.meshed(patches))
-        first_slot, keys = len(self._starts), _keys_of(patches)
+    def _extract(self, patches: Patches, keys: Keys) -> None:
+        """Add the meshes of new patches; of one that comes several times, each."""
+        first_slot = len(self._starts)
+        meshes = self._meshes_of(patches)
         self._starts = np.concatenate([self._starts, self._append(meshes.triangles.ravel()) + meshes.starts[:-1] * 3])
         self._lengths = np.concatenate([self._lengths, np.diff(meshes.starts) * 3])
         fresh = np.zeros(len(keys), np.bool_)
         self._tried, self._is_tin = (np.concatenate([a, fresh]) for a in (self._tried, self._is_tin))
-        at = np.searchsorted(self._keys, keys)
-        self._keys = np.insert(self._keys, at, keys)
-        self._order = np.insert(self._order, at, first_slot + np.arange(len(keys)))
+        order = np.argsort(keys)
+        at = np.searchsorted(self._keys, keys[order])
+        self._keys = np.insert(self._keys, at, keys[order])
+        self._order = np.insert(self._order, at, first_slot + order)
+
+    def _meshes_of(self, patches: Patches) -> Meshes:
+        """The meshes of some patches, cut from the hierarchy or, where lines refine them, made before."""
+        lined = patches.rung == REFINED
+        meshes = extract_meshes(self.tree.rtin, self.tree.meshed(patches.take(~lined)))
+        if self.tree.refined is None or not lined.any():
+            return meshes
+        refined = self.tree.refined
+        at = refined.index_of(patches.row[lined], patches.col[lined])
+        lists = np.empty(len(lined), object)
+        lists[lined] = [refined.triangles[refined.starts[i] : refined.starts[i + 1]] for i in at]
+        lists[~lined] = np.split(meshes.triangles, meshes.starts[1:-1])
+        return Meshes(np.concatenate(list(lists)), np.cumsum([0, *map(len, lists)]))
 
     def _append(self, posts: Ints) -> int:
         """Store post numbers; returns where they start."""
@@ -136,31 +159,31 @@ class PatchPool:
         terrain = self.tree.heightfield
         size = np.left_shift(1, patches.level)
         found = ((patches.row + 1) * size < terrain.rows) & ((patches.col + 1) * size < terrain.cols)
+        found &= patches.rung != REFINED
         for i, chosen in enumerate(self.tree.microstructures):
             here = np.flatnonzero(found & (patches.level == FINEST_LEVEL + i))
             found[here] = chosen[patches.row[here], patches.col[here]]
         return found & (patches.level < FINEST_LEVEL + len(self.tree.microstructures))
 
-    def _triangulate(self, patch: Patches) -> None:
-        """Replace one patch's grid mesh by a TIN, if that takes fewer triangles."""
-        slot = int(self._slots_of(patch)[0])
-        self._tried[slot] = True
-        level, row, col, rung = (int(a[0]) for a in patch)
-        terrain, rtin = self.tree.heightfield, self.tree.rtin
-        north, west = row << level, col << level
-        size = 1 << level
-        inside = (slice(north, north + size + 1), slice(west, west + size + 1))
-        error_m = float(rtin.ladder.error_m(rung))
-        tin = greedy_tin(terrain.heights_m[inside], rtin.drop_rung[inside] > rung, error_m, MAX_TIN_POINTS)
-        if tin is None or 3 * len(tin.triangles) >= self._lengths[slot]:
-            return
-        posts = (tin.row.astype(np.int64) + north) * rtin.drop_rung.shape[1] + tin.col.astype(np.int64) + west
-        self._starts[slot] = self._append(posts[tin.triangles].astype(np.int32).ravel())
-        self._lengths[slot] = 3 * len(tin.triangles)
-        self._is_tin[slot] = True
+
+def triangulate(tree: ApproximationTree, patches: Patches) -> list[Ints | None]:
+    """Post numbers of the triangles of a TIN for each patch; None where it would need too many points."""
+    return [_tin_posts(tree, *(int(a[i]) for a in patches)) for i in range(len(patches.level))]
+
+
+def _tin_posts(tree: ApproximationTree, level: int, row: int, col: int, rung: int) -> Ints | None:
+    terrain, rtin = tree.heightfield, tree.rtin
+    north, west, size = row << level, col << level, 1 << level
+    inside = (slice(north, north + size + 1), slice(west, west + size + 1))
+    error_m = float(rtin.ladder.error_m(rung))
+    tin = greedy_tin(terrain.heights_m[inside], rtin.drop_rung[inside] > rung, error_m, MAX_TIN_POINTS)
+    if tin is None:
+        return None
+    posts = (tin.row + north) * rtin.drop_rung.shape[1] + tin.col + west
+    return posts[tin.triangles].astype(np.int32).ravel()
 
 
 def _keys_of(patches: Patches) -> Keys:
     """One whole number per (patch, rung)."""
     level, row, col, rung = (a.astype(np.int64) for a in patches)
-    return ((level << 8 | rung) << 24 | row) << 24 | col
+    return ((level << 8 | (rung + 1)) << 24 | row) << 24 | col

@@ -15,7 +15,6 @@ an edge of the TIN crosses an edge of the surface: between those both are flat, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,15 +34,15 @@ class Tin(NamedTuple):
 
     Attributes
     ----------
-    col, row : ndarray of float64, (n,)
-        The points in posts from the patch's north-west corner.
+    col, row : ndarray of int64, (n,)
+        The points, all of them posts, from the patch's north-west corner.
     height_m : ndarray of float64, (n,)
     triangles : ndarray of int64, (m, 3)
         Counter-clockwise from above.
     """
 
-    col: Floats
-    row: Floats
+    col: Ints
+    row: Ints
     height_m: Floats
     triangles: Ints
 
@@ -67,7 +66,7 @@ def greedy_tin(heights_m: Grid, rim: Bools, error_m: float, max_points: int) -> 
     Tin or None
         None where ``max_points`` points, or the rim, do not allow ``error_m``.
     """
-    fit = _Fit(heights_m, scale=1)
+    fit = _Fit(heights_m)
     fit.add_rim(rim)
     size = len(heights_m) - 1
     while True:
@@ -88,48 +87,18 @@ def greedy_tin(heights_m: Grid, rim: Bools, error_m: float, max_points: int) -> 
         fit.add(*place)
 
 
-def breakline_tin(
-    heights_m: Grid, rim: Bools, error_m: float, points: Sequence[tuple[int, int, float]], scale: int
-) -> Tin:
-    """The TIN of a square of posts with further points in it: the vertices of breaklines.
-
-    The points count as part of the terrain, as the paper's TINs do: they are kept whatever the allowed error, and posts
-    are inserted until every one lies within it. A point on a post replaces that post's height, except at the corners.
-
-    Parameters
-    ----------
-    heights_m, rim, error_m
-        As for `greedy_tin`; every post of the rim may be needed.
-    points : sequence of (int, int, float)
-        ``(row, col, height_m)`` in 1 / ``scale`` of a post from the north-west corner.
-    scale : int
-        Fractions of a post that points may lie on; a power of two.
-    """
-    fit = _Fit(heights_m, scale)
-    for row, col, height in points:
-        if row % scale == 0 and col % scale == 0:
-            fit.heights[row // scale * len(heights_m) + col // scale] = height
-        fit.add_point(row, col, height)
-    fit.add_rim(rim)
-    while fit.error[worst := fit.worst_post()] > error_m:
-        fit.add(*divmod(worst, len(heights_m)))
-    return fit.tin(fit.mesh.used)
-
-
 class _Fit:
     """A growing triangulation and, for every post, the triangle it lies in and its error there."""
 
-    def __init__(self, heights_m: Grid, scale: int) -> None:
+    def __init__(self, heights_m: Grid) -> None:
         side = len(heights_m)
-        self.scale = scale
         self.surface = heights_m
         self.heights = heights_m.astype(np.float64).ravel()
-        self.row, self.col = (g.ravel() * scale for g in np.indices(heights_m.shape))
-        self.mesh = Delaunay((side - 1) * scale)
+        self.row, self.col = (g.ravel() for g in np.indices(heights_m.shape))
+        self.mesh = Delaunay(side - 1)
         self.z: list[float] = [float(heights_m[r, c]) for r, c in ((0, 0), (0, -1), (-1, -1), (-1, 0))]
         self.is_vertex = np.zeros(heights_m.shape, np.bool_)
         self.is_vertex[[0, 0, -1, -1], [0, -1, -1, 0]] = True
-        self._vertices = {(0, 0), (0, (side - 1) * scale), ((side - 1) * scale, 0), ((side - 1) * scale,) * 2}
         self.interior = np.zeros(heights_m.shape, np.bool_)
         self.interior[1:-1, 1:-1] = True
         self.owner = np.zeros(len(self.heights), np.int64)
@@ -143,17 +112,10 @@ class _Fit:
             self.add(row, col)
 
     def add(self, row: int, col: int) -> None:
-        """Insert a post."""
+        """Insert a post that is no vertex yet."""
         self.is_vertex[row, col] = True
-        self.add_point(row * self.scale, col * self.scale, float(self.surface[row, col]))
-
-    def add_point(self, row: int, col: int, height_m: float) -> None:
-        """Insert a point given in fractions of a post; one that is there already stays as it is."""
-        if (row, col) in self._vertices:
-            return
-        self._vertices.add((row, col))
         change: Change = self.mesh.add(col, row)
-        self.z.append(height_m)
+        self.z.append(float(self.surface[row, col]))
         gone = np.zeros(len(self.mesh.triangles), np.bool_)
         gone[change.removed] = True
         self._assign(np.flatnonzero(gone[self.owner]), change.created)
@@ -164,13 +126,11 @@ class _Fit:
 
     def post_of_vertex(self) -> Ints:
         """Row times side plus column of every vertex, all of them posts."""
-        side = len(self.surface)
-        return np.array(self.mesh.y) // self.scale * side + np.array(self.mesh.x) // self.scale
+        return np.array(self.mesh.y) * len(self.surface) + np.array(self.mesh.x)
 
     def tin(self, triangles: Ints) -> Tin:
         """The result; rows run downwards, so that counter-clockwise becomes clockwise and is turned round."""
-        x, y = (np.array(a, np.float64) / self.scale for a in (self.mesh.x, self.mesh.y))
-        return Tin(x, y, np.array(self.z), triangles[:, ::-1])
+        return Tin(np.array(self.mesh.x), np.array(self.mesh.y), np.array(self.z), triangles[:, ::-1])
 
     def _assign(self, posts: Ints, triangles: Ints) -> None:
         """Find the triangle of each post among some, and its error there."""

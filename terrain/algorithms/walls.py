@@ -54,12 +54,14 @@ def build_walls(
         of the upper edge, -1 for those of the lower.
     """
     drawn = _map_patches(rtin, patches, finest_level)
-    walls = [np.empty((0, 3, 4), np.float32)]
-    for level in np.unique(patches.level):
-        members, side = _unlike_sides(rtin, patches, np.flatnonzero(patches.level == level), drawn, finest_level)
-        if len(members):
-            walls.append(_side_walls(rtin, patches, members, side, drawn, finest_level, heights_m))
-    return np.concatenate(walls)
+    found = [
+        _unlike_sides(rtin, patches, np.flatnonzero(patches.level == level), drawn, finest_level)
+        for level in np.unique(patches.level)
+    ]
+    if not sum(len(members) for members, _ in found):
+        return np.empty((0, 3, 4), np.float32)
+    members, side = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return _side_walls(rtin, patches, members, side, drawn, finest_level, heights_m)
 
 
 def _map_patches(rtin: Rtin, patches: Patches, finest_level: int) -> Ints:
@@ -111,7 +113,7 @@ def _unlike_sides(
     equal = (other >= 0) & (other_level[:, [_SOUTH, _EAST], 0] == level)
     who, which = np.nonzero(equal & (own_rung != other_rung))
     low, high = patches.rung[members[who]], other_rung[who, which]
-    low, high = np.minimum(low, high).astype(np.uint8), np.maximum(low, high).astype(np.uint8)
+    low, high = np.minimum(low, high), np.maximum(low, high)
     stride = rtin.drop_rung.shape[1]
     corner = _corners(patches, members[who], size, stride)[:, None]
     rung = rtin.drop_rung.ravel()[corner + _post_offsets(stride, size)[[_SOUTH, _EAST], 1:-1][which]]
@@ -124,63 +126,73 @@ def _side_walls(
     rtin: Rtin, patches: Patches, members: Places, side: Places, drawn: Ints, finest_level: int,
     heights_m: npt.NDArray[np.float32],
 ) -> npt.NDArray[np.float32]:  # fmt: skip
-    """The walls along chosen sides of patches of one size, beyond which lie patches no larger."""
-    size, unit = 1 << int(patches.level[members[0]]), 1 << finest_level
-    span, stride = size // unit, rtin.drop_rung.shape[1]
-    posts = _corners(patches, members, size, stride)[:, None] + _post_offsets(stride, size)[side]
-    square = _corners(patches, members, span, drawn.shape[1]) + drawn.shape[1] + 1
-    beyond = drawn.ravel()[square[:, None] + _square_offsets(drawn.shape[1], span)[side]]
-    drop_rung = rtin.drop_rung.ravel()[posts]
-    own = drop_rung > patches.rung[members, None]
-    own[:, [0, -1]] = True
+    """The walls along chosen sides, beyond which lie patches no larger."""
+    stride, squares = rtin.drop_rung.shape[1], drawn.shape[1]
+    level = patches.level[members].astype(np.intp)
+    size, span = np.left_shift(1, level), np.left_shift(1, level - finest_level)
+    # All posts of all sides, one side after another: `owner` and `step` along it.
+    owner = np.repeat(np.arange(len(members)), size + 1)
+    step = np.arange(len(owner)) - (np.cumsum(size + 1) - size - 1)[owner]
+    number = np.array([stride, 1])
+    first = (patches.row[members] * size) * stride + patches.col[members] * size + (_BEGIN @ number)[side] * size
+    post = first[owner] + (_ALONG @ number)[side][owner] * step
     # Beyond, the vertices above the rung of the patch on either side of a post, and its corners.
-    step = np.arange(size + 1)
-    is_drawn = beyond >= 0
-    rung, mask = patches.rung[beyond].astype(np.uint8), np.left_shift(1, patches.level[beyond]) - 1
-    theirs = np.zeros_like(own)
-    for neighbour in (np.maximum(step - 1, 0) // unit, np.minimum(step // unit, span - 1)):
-        is_corner = step & mask[:, neighbour] == 0
-        theirs |= is_drawn[:, neighbour] & ((drop_rung > rung[:, neighbour]) | is_corner)
+    number = np.array([squares, 1])
+    square = (patches.row[members] * span + 1) * squares + patches.col[members] * span + 1
+    square += (_BEGIN @ number)[side] * span + ((_ALONG + _ACROSS - 1) // 2 @ number)[side]
+    square_step = (_ALONG @ number)[side][owner]
+    square, last = square[owner], (span - 1)[owner]
+    drop_rung, everywhere = rtin.drop_rung.ravel().take(post), drawn.ravel()
+    own = drop_rung > patches.rung[members][owner]
+    own |= (step == 0) | (step == size[owner])
+    theirs = np.zeros(len(own), np.bool_)
+    for place in (np.maximum(step - 1, 0) >> finest_level, np.minimum(step >> finest_level, last)):
+        beyond = everywhere.take(square + square_step * place)  # after the last turn: of the piece after each post
+        is_corner = step & (np.left_shift(1, patches.level.take(beyond)) - 1) == 0
+        theirs |= (beyond >= 0) & ((drop_rung > patches.rung.take(beyond)) | is_corner)
 
-    row, col = np.divmod(posts, stride)
-    inside = np.minimum(row, heights_m.shape[0] - 1), np.minimum(col, heights_m.shape[1] - 1)
-    heights = heights_m[inside].astype(np.float64)
-    ours, others = _along(heights, own), _along(heights, theirs)
+    at = np.flatnonzero(own | theirs)
+    owner, step, own, theirs, is_drawn = owner[at], step[at], own[at], theirs[at], beyond[at] >= 0
+    row, col = np.divmod(post[at], stride)
+    height = heights_m[np.minimum(row, heights_m.shape[0] - 1), np.minimum(col, heights_m.shape[1] - 1)]
+    height = height.astype(np.float64)
+    ours, others = _along(height, step, own), _along(height, step, theirs)
     # Pieces from each vertex of either edge to the one after, where anything is drawn beyond.
-    owner, place = np.nonzero(own | theirs)
-    starts = np.flatnonzero(owner[1:] == owner[:-1])
-    starts = starts[is_drawn[owner[starts], np.minimum(place[starts] // unit, span - 1)]]
+    starts = np.flatnonzero((owner[1:] == owner[:-1]) & is_drawn[:-1])
     ends = starts + 1
-    flat = owner * (size + 1) + place
-    where = np.stack([col.ravel()[flat], row.ravel()[flat]], axis=1)
-    ours, others = ours.ravel()[flat], others.ravel()[flat]
+    where = np.stack([col, row], axis=1)
     # Even the smallest difference gets its wall: without, a pixel could fall between two edges.
     outwards = starts[(ours[starts] > others[starts]) | (ours[ends] > others[ends])]
     inwards = starts[(others[starts] > ours[starts]) | (others[ends] > ours[ends])]
-    return np.concatenate([
-        _quads(where, outwards, outwards + 1, ours, others), _quads(where, inwards + 1, inwards, others, ours)
-    ])  # fmt: skip
+    here, there = np.concatenate([outwards, inwards + 1]), np.concatenate([outwards + 1, inwards])
+    upper, lower = np.stack([ours, others]), np.stack([others, ours])
+    which = np.repeat([0, 1], [len(outwards), len(inwards)])
+    return _quads(
+        where[here], where[there], upper[which, here], upper[which, there], lower[which, here], lower[which, there]
+    )
 
 
-def _along(heights: Floats, vertices: Bools) -> Floats:
-    """Heights (n, m) along edges that run straight from vertex to vertex; before the first and after the last, any."""
-    step = np.arange(heights.shape[1])
-    before = np.maximum.accumulate(np.where(vertices, step, 0), axis=1)
-    after = np.minimum.accumulate(np.where(vertices, step, heights.shape[1] - 1)[:, ::-1], axis=1)[:, ::-1]
-    low, high = np.take_along_axis(heights, before, axis=1), np.take_along_axis(heights, after, axis=1)
-    return low + (high - low) * ((step - before) / np.maximum(after - before, 1))
+def _along(height: Floats, step: Places, vertices: Bools) -> Floats:
+    """Heights on edges that run straight from vertex to vertex, one edge after another, each from vertex to vertex;
+    before the first vertex of an edge and after its last, any."""
+    place = np.arange(len(height))
+    before = np.maximum.accumulate(np.where(vertices, place, 0))
+    after = np.minimum.accumulate(np.where(vertices, place, len(place) - 1)[::-1])[::-1]
+    t = (step - step[before]) / np.maximum(step[after] - step[before], 1)
+    return height[before] + (height[after] - height[before]) * t
 
 
-def _quads(where: Places, here: Places, there: Places, upper: Floats, lower: Floats) -> npt.NDArray[np.float32]:
+def _quads(
+    here: Places, there: Places, upper_here: Floats, upper_there: Floats, lower_here: Floats, lower_there: Floats
+) -> npt.NDArray[np.float32]:
     """Two triangles for every piece of an edge, from the upper edge down to the lower, as far as it is the upper."""
-    begin, end = upper[here] - lower[here], upper[there] - lower[there]
+    begin, end = upper_here - lower_here, upper_there - lower_there
     crossing = begin / np.where(begin == end, 1.0, begin - end)
-    corners = []
-    for t in (np.where(begin < 0, crossing, 0.0), np.where(end < 0, crossing, 1.0)):
-        place = where[here] + t[:, None] * (where[there] - where[here])
-        for heights, way in ((upper, 1.0), (lower, -1.0)):
-            height = heights[here] + t * (heights[there] - heights[here])
-            corners.append(np.column_stack([place, height, np.full(len(t), way)]).astype(np.float32))
-    here_up, here_down, there_up, there_down = corners
-    quads = np.stack([here_up, here_down, there_down, here_up, there_down, there_up], axis=1)
-    return quads.reshape(-1, 3, 4)
+    corners = np.empty((2, 2, len(here), 4), np.float32)  # (here and there, up and down)
+    for i, t in enumerate((np.where(begin < 0, crossing, 0.0), np.where(end < 0, crossing, 1.0))):
+        corners[i, :, :, :2] = here + t[:, None] * (there - here)
+        corners[i, 0, :, 2] = upper_here + t * (upper_there - upper_here)
+        corners[i, 1, :, 2] = lower_here + t * (lower_there - lower_here)
+    corners[:, 0, :, 3], corners[:, 1, :, 3] = 1.0, -1.0
+    quads = corners.reshape(4, len(here), 4)[[0, 1, 3, 0, 3, 2]]
+    return np.ascontiguousarray(quads.transpose(1, 0, 2)).reshape(-1, 3, 4)

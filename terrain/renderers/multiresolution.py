@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import moderngl
@@ -17,20 +17,28 @@ import numpy.typing as npt
 from terrain.algorithms.culling import Culler, Nodes
 from terrain.algorithms.multiresolution import (
     FINEST_LEVEL,
+    REFINED,
     ApproximationTree,
     build_preview,
     load_tree,
     select_patches,
 )
-from terrain.algorithms.patch_pool import PatchPool
+from terrain.algorithms.patch_pool import PatchPool, triangulate
+from terrain.algorithms.refined_cells import RefinedCells, widened
 from terrain.algorithms.rtin_mesh import Patches
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
 from terrain.gpu.geometry import Geometry
+from terrain.gpu.programs import UNITS
 from terrain.heightfield import Diagonal
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
 from terrain.scene import Scene
+
+
+_NO_PATCHES = Patches(*(np.empty(0, np.int32) for _ in range(4)))
+TINS_ASIDE = 8  # made at once while one flies on
+VERTEX_TEXELS = 1024  # to a row of the texture that holds the lines' vertices
 
 
 @dataclass(frozen=True)
@@ -39,13 +47,12 @@ class MultiresolutionSettings(base.Settings):
 
     horizon: bool = setting(True, "Horizon culling", "Drop patches hidden behind nearer ground.")
     walls: bool = setting(True, "Walls", "Close the gaps between patches of different error or size.")
-    tins: int = setting(
-        0, "TINs per resting frame",
-        "Microstructures triangulated in each frame while the camera rests; 0 keeps what is drawn the same.",
-        range=(0, 16),
+    tins: bool = setting(
+        False, "TINs", "Triangulate the microstructures freely: a few per cent fewer triangles, made in seconds.",
+        rebuild=True,
     )  # fmt: skip
     preview: bool = setting(
-        False, "Preview", "Show every fourth post while the tree of a new terrain is built, instead of waiting for it.",
+        False, "Preview", "Show what there is while the tree of a new terrain and its TINs are built: do not wait.",
         rebuild=True,
     )  # fmt: skip
 
@@ -67,12 +74,16 @@ class MultiresolutionRenderer:
         self._uploaded_for: Any = None  # the settings at the last upload
         self._culler = Culler(scene, FINEST_LEVEL)
         self._worker = ThreadPoolExecutor(1, "approximation-tree")
-        self._coming: Future[ApproximationTree] | None = self._worker.submit(load_tree, scene.heightfield)
+        self._coming: Future[ApproximationTree] | None = self._worker.submit(
+            load_tree, scene.heightfield, scene.breaklines
+        )
         self._pool: PatchPool | None = None
+        self._tins: tuple[Patches, Future[list[Any]] | None] = _NO_PATCHES, None  # being triangulated
         self._indices = gpu.ctx.buffer(reserve=4, dynamic=True)
         self._wall_corners = gpu.ctx.buffer(reserve=16, dynamic=True)
         self._geometry: Geometry | None = None
         self._wall_geometry: Geometry | None = None
+        self._line_vertices: moderngl.Texture | None = None
         self._overhangs = False
         self._patches: Patches | None = None
         self._nodes: Nodes | None = None
@@ -87,8 +98,9 @@ class MultiresolutionRenderer:
             tree, self._culler, frame, settings.tolerance_px, horizon=settings.horizon
         )
         rests = self._patches is not None and all(map(np.array_equal, patches, self._patches))
-        refined = pool.refine(patches, settings.tins) if rests and settings.tins else 0
+        refined = self._add_tins(pool, patches) if settings.tins else False
         self._patches = patches
+        self.stats.pending = self._coming is not None or self._tins[1] is not None
         self.stats.uploaded_bytes = 0
         if not rests or refined or self._by_rung or settings != self._uploaded_for:
             self._upload(patches)
@@ -96,10 +108,28 @@ class MultiresolutionRenderer:
             pool.resident_bytes + self._indices.size + self._wall_corners.size + tree.rtin.drop_rung.nbytes
         )
 
+    def _add_tins(self, pool: PatchPool, patches: Patches) -> bool:
+        """Make the TINs that are still to be tried among the patches, all at once, or in a preview some aside; whether
+        there are new ones."""
+        if not self.settings.preview:
+            waiting = pool.waiting_tins(patches)
+            pool.add_tins(waiting, triangulate(pool.tree, waiting))
+            return len(waiting.level) > 0
+        asked, coming = self._tins
+        arrived = coming is not None and coming.done()
+        if coming is not None and arrived:
+            pool.add_tins(asked, coming.result())
+        if coming is None or arrived:
+            asked = pool.waiting_tins(patches)
+            asked = asked.take(np.arange(min(len(asked.level), TINS_ASIDE)))
+            self._tins = asked, self._worker.submit(triangulate, pool.tree, asked) if len(asked.level) else None
+        return arrived
+
     def finish(self) -> None:
-        """Wait until the tree is built, so that the next `select` uses it."""
-        if self._coming is not None:
-            self._coming.result()
+        """Wait until what is being built aside, the tree or some TINs, is there for the next `select`."""
+        for coming in (self._coming, self._tins[1]):
+            if coming is not None:
+                coming.result()
 
     def _current_pool(self) -> PatchPool:
         """The meshes of the tree, or of its preview while the tree is being built."""
@@ -114,12 +144,18 @@ class MultiresolutionRenderer:
 
     def _use(self, tree: ApproximationTree) -> None:
         self._pool, self._patches = PatchPool(tree), None
+        self._tins = _NO_PATCHES, None
         terrain, shape = self._scene.heightfield, tree.rtin.drop_rung.shape
         covered = (shape[0] - 1) * tree.stride, (shape[1] - 1) * tree.stride
         self._overhangs = covered != (terrain.rows - 1, terrain.cols - 1)
         self._release_geometry()
         defines = {"CLIP_EDGES": 1} if self._overhangs else {}
-        self._geometry = Geometry(self._gpu, "multiresolution", "mesh", (), self._indices, defines)
+        refined = {}
+        if tree.refined is not None and len(tree.refined.patches):
+            refined = {"BREAKLINES": 1}
+            self._line_vertices = _vertex_texture(self._gpu, tree.refined)
+            self._culler = Culler(replace(self._scene, pyramid=widened(self._scene.pyramid, tree.refined)), FINEST_LEVEL)
+        self._geometry = Geometry(self._gpu, "multiresolution", "mesh", (), self._indices, defines | refined)
         corners = [(self._wall_corners, "4f", "in_corner")]
         self._wall_geometry = Geometry(self._gpu, "multiresolution_wall", "mesh", corners, defines=defines)
 
@@ -138,7 +174,7 @@ class MultiresolutionRenderer:
         self.stats.draw_calls = sum(count > 0 for count in self._counts)
         self.stats.extra = {
             "patches": len(patches.level), "new patches": extracted, "TINs": self._pool.count_tins(patches),
-            "wall triangles": len(walls),
+            "wall triangles": len(walls), "patches with lines": int(np.count_nonzero(patches.rung == REFINED)),
         }  # fmt: skip
 
     def draw(self, frame: Frame) -> None:
@@ -151,6 +187,9 @@ class MultiresolutionRenderer:
         program = geometry.program(frame.output)
         program["u_row_length"] = pool.tree.rtin.drop_rung.shape[1]
         program["u_stride"] = pool.tree.stride
+        if self._line_vertices is not None:
+            self._line_vertices.use(UNITS["u_extra0"])
+            program["u_post_count"] = pool.tree.rtin.drop_rung.size
         triangles, wall_triangles = self._counts
         if frame.output == "levels":
             self._draw_rungs(geometry, program)
@@ -189,12 +228,25 @@ class MultiresolutionRenderer:
         for geometry in (self._geometry, self._wall_geometry):
             if geometry is not None:
                 geometry.release()
+        if self._line_vertices is not None:
+            self._line_vertices.release()
+            self._line_vertices = None
 
     def release(self) -> None:
         self._worker.shutdown(wait=True)
         self._release_geometry()
         self._indices.release()
         self._wall_corners.release()
+
+
+def _vertex_texture(gpu: Gpu, refined: RefinedCells) -> moderngl.Texture:
+    """The vertices of the lines as texels, row by row."""
+    rows = -(-len(refined.vertices) // VERTEX_TEXELS) or 1
+    texels = np.zeros((rows * VERTEX_TEXELS, 4), np.float32)
+    texels[: len(refined.vertices), :3] = refined.vertices
+    texture = gpu.ctx.texture((VERTEX_TEXELS, rows), 4, texels.data, dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
 
 
 def _write(buffer: moderngl.Buffer, data: npt.NDArray[Any]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import minimum_filter
 
+from terrain.breaklines import Breaklines
 from terrain.camera import Camera
 from terrain.gpu.context import GL_CLIP_DISTANCE0
 from terrain.heightfield import Heightfield
@@ -135,19 +136,40 @@ def test_any_grid_is_drawn_whole_and_never_beyond_its_edges(stage_of, reference_
     assert covered.any()
 
 
-def test_resting_camera_gets_tins_that_keep_the_tolerance(stage_of, reference_of):
+def test_tins_save_triangles_keep_the_tolerance_and_never_change_a_view(stage_of, reference_of):
     terrain = ridges(193, 257)
-    stage, reference = stage_of(terrain, tolerance_px=2.0, tins=200), reference_of(terrain)
-    camera = views(terrain)[0]
-    stage.render(camera, SIZE)
-    triangles = stage.renderer.stats.triangles
-    assert stage.renderer.stats.extra["TINs"] == 0
-    stage.render(camera, SIZE)
-    stage.render(camera, SIZE)
+    stage, reference = stage_of(terrain, tolerance_px=2.0, tins=True), reference_of(terrain)
+    without = stage_of(terrain, tolerance_px=2.0)
+    camera, other = views(terrain)[:2]
+    first = stage.render(camera, SIZE)
+    without.render(camera, SIZE)
     assert stage.renderer.stats.extra["TINs"] > 0
-    assert stage.renderer.stats.triangles < triangles
+    assert stage.renderer.stats.triangles < without.renderer.stats.triangles
+    stage.render(other, SIZE)
+    np.testing.assert_array_equal(stage.render(camera, SIZE), first)
     assert holes_px(stage, reference, camera) == 0
     assert errors_px(stage, camera).max() <= 2.04
+
+
+def test_tins_made_aside_arrive_within_the_same_bound(stage_of, reference_of):
+    terrain = ridges(193, 257)
+    stage, reference = stage_of(terrain, tolerance_px=2.0, tins=True, preview=True), reference_of(terrain)
+    camera = views(terrain)[0]
+    renderer = stage.renderer
+    assert isinstance(renderer, MultiresolutionRenderer)
+    renderer.finish()
+    arrived = 0
+    for _ in range(200):
+        stage.render(camera, SIZE)
+        assert renderer.stats.extra["TINs"] >= arrived
+        arrived = int(renderer.stats.extra["TINs"])
+        renderer.finish()
+        if not renderer.stats.pending:
+            break
+    assert arrived > 0
+    assert not renderer.stats.pending
+    assert errors_px(stage, camera).max() <= 2.04
+    assert holes_px(stage, reference, camera) == 0
 
 
 def test_frozen_selection_is_drawn_from_another_eye(stage_of, reference_of):
@@ -164,7 +186,7 @@ def test_frozen_selection_is_drawn_from_another_eye(stage_of, reference_of):
 
 def test_levels_view_draws_the_same_pixels_and_leaves_the_picture_alone(stage_of):
     terrain = ridges(193, 257)
-    stage = stage_of(terrain, tolerance_px=1.0, tins=0)
+    stage = stage_of(terrain, tolerance_px=1.0)
     camera = views(terrain)[0]
     before = stage.render(camera, SIZE)
     levels = stage.render(camera, SIZE, "levels")
@@ -218,3 +240,52 @@ def test_nothing_in_sight_draws_nothing(stage_of):
     stage = stage_of(terrain)
     assert not positions(stage, Camera((0.0, 5000.0, 0.0), 0, 60))[1].any()
     assert stage.renderer.stats.triangles == 0
+
+
+def road(terrain: Heightfield, rise_m: float) -> Breaklines:
+    """A line across the terrain that rises above its ground."""
+    points = np.array([[20.0, 30.5], [90.25, 80.0], [200.5, 90.75]])
+    x, z = points.T * np.array(terrain.spacing_m)[:, None]
+    return Breaklines((np.column_stack([points, terrain.heights_at(x, z) + rise_m]),))
+
+
+def test_lines_are_drawn_with_their_heights_and_leave_no_hole(gpu, reference_of):
+    terrain = ridges(193, 257)
+    scene = open_scene(terrain, breaklines=road(terrain, 40.0))
+    stage = Stage(gpu, scene, "multiresolution", MultiresolutionSettings(tolerance_px=1.0))
+    reference = reference_of(terrain)
+    try:
+        for camera in views(terrain):
+            assert holes_px(stage, reference, camera) == 0
+        above = views(terrain)[3]
+        world, _ = positions(stage, above)
+        begin, end = scene.breaklines.lines[0][:2] * [10.0, 10.0, 1.0]
+        step = (end - begin)[:2]
+        t = (world[:, [0, 2]] - begin[:2]) @ step / (step @ step)
+        off_m = np.abs((world[:, [0, 2]] - begin[:2]) @ [-step[1], step[0]]) / np.hypot(*step)
+        on_line = (off_m < 0.5) & (t > 0) & (t < 1)
+        assert on_line.sum() > 5
+        np.testing.assert_allclose(world[on_line, 1], begin[2] + t[on_line] * (end - begin)[2], atol=8.0)
+        rise = world[:, 1] - terrain.heights_at(*np.clip(world[:, [0, 2]], 0, terrain.extent_m).T)
+        assert rise[on_line].min() > 20
+        assert (rise > 5).mean() < 0.1
+        assert stage.renderer.stats.extra["patches with lines"] > 10
+        far = Camera((1200.0, 400_000.0, 900.0), 0, -90, 0, 1.0)  # there the line is less than half a pixel high
+        stage.render(far, SIZE)
+        assert stage.renderer.stats.extra["patches with lines"] == 0
+    finally:
+        stage.release()
+
+
+def test_a_line_that_is_drawn_only_near_by_ends_without_a_gap(gpu, reference_of):
+    terrain = ridges(193, 257)
+    camera = Camera((250.0, 190.0, 250.0), 105, -12)
+    for rise in (3.0, -3.0):
+        scene = open_scene(terrain, breaklines=road(terrain, rise))
+        stage = Stage(gpu, scene, "multiresolution", MultiresolutionSettings(tolerance_px=8.0))
+        try:
+            assert holes_px(stage, reference_of(terrain), camera) == 0
+            refined = stage.renderer._pool.tree.refined  # type: ignore[attr-defined]
+            assert 0 < stage.renderer.stats.extra["patches with lines"] < len(refined.patches)
+        finally:
+            stage.release()
