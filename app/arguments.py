@@ -135,6 +135,11 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
         help="an image to lay on the terrain, of any size; as often as needed, each over those before it",
     )  # fmt: skip
     group.add_argument(
+        "--breaklines", metavar="FILE", type=Path,
+        help="GeoJSON or CSV (x,y or lon,lat, then z) of lines that refine the cells they cross; multiresolution draws"
+        " them",
+    )  # fmt: skip
+    group.add_argument(
         "--exaggeration", metavar="K", type=positive, default=1.0, help="factor to the heights, in the picture only"
     )
     group.add_argument("--flight", metavar="FILE", type=Path, help="a *.flight.json (the terrain's own demo flight)")

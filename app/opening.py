@@ -81,6 +81,7 @@ class Drawing:
     view: Any
     textures: tuple[Path, ...]
     exaggeration: float
+    breaklines: Path | None = None
 
 
 def read_drawing(args: argparse.Namespace) -> Drawing:
@@ -102,7 +103,7 @@ def read_drawing(args: argparse.Namespace) -> Drawing:
     if args.tolerance is not None:
         tolerance = next(field for field in fields(settings) if field.name == "tolerance_px")
         settings = replace(settings, tolerance_px=read_value(tolerance, str(args.tolerance)))
-    return Drawing(algorithm, settings, look, args.view, tuple(args.texture), args.exaggeration)
+    return Drawing(algorithm, settings, look, args.view, tuple(args.texture), args.exaggeration, args.breaklines)
 
 
 def default_algorithm() -> str:
@@ -110,6 +111,11 @@ def default_algorithm() -> str:
     from terrain.renderers import RENDERERS
 
     return PREFERRED if PREFERRED in RENDERERS else next(iter(RENDERERS))
+
+
+def without_waiting(settings: Any) -> Any:
+    """The settings for a window, where a preview is better than a wait."""
+    return replace(settings, preview=True) if any(f.name == "preview" for f in fields(settings)) else settings
 
 
 def open_images(drawing: Drawing, heightfield: Heightfield) -> list[Any]:
@@ -141,12 +147,23 @@ def close_images(images: Sequence[Any]) -> None:
 
 
 def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, images: Sequence[Any] = ()) -> Any:
-    """A stage that draws ``heightfield`` as asked, with ``images`` on it."""
+    """A stage that draws ``heightfield`` as asked, with ``images`` on it.
+
+    Raises
+    ------
+    InputError
+        If the breaklines cannot be read, or the images are too many.
+    """
     from terrain.scene import open_scene
     from terrain.stage import Stage
     from terrain.synthetic.slabs import planes_beside
 
-    scene = open_scene(heightfield, planes_beside(heightfield))
+    lines = None
+    if drawing.breaklines is not None:
+        from terrain.breaklines import read_breaklines
+
+        lines = read_breaklines(drawing.breaklines, heightfield)
+    scene = open_scene(heightfield, planes_beside(heightfield), lines)
     if drawing.exaggeration != 1.0:
         scene = scene.exaggerated(drawing.exaggeration)
     stage = Stage(gpu, scene, drawing.algorithm, drawing.settings, drawing.look)

@@ -22,7 +22,7 @@ from app.exporter import Exporter
 from app.flights import Flights
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
 from app.jobs import Jobs
-from app.opening import Drawing, close_images, open_images, open_stage
+from app.opening import Drawing, close_images, open_images, open_stage, without_waiting
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
 from terrain.errors import InputError
@@ -68,12 +68,13 @@ class Session:
     ) -> None:  # fmt: skip
         self.gpu, self.folder = gpu, folder
         self.preferences = PreferenceFile() if preferences is None else preferences
+        drawing = replace(drawing, settings=without_waiting(drawing.settings))
         self._images = open_images(drawing, heightfield)
         self.stage: Stage = open_stage(gpu, heightfield, drawing, self._images)
         self.stage.bake_budget_ms = BAKE_BUDGET_MS
         self.stage.draws_legends = False  # the window has its own
         self.view: Any = drawing.view
-        self._settings = {name: kind.Settings() for name, kind in RENDERERS.items()}
+        self._settings = {name: without_waiting(kind.Settings()) for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
         flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
         self.flights = Flights(self, flight, self.preferences.folder)

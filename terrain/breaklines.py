@@ -2,7 +2,7 @@
 
 A line comes from the file in some map's coordinates and leaves as fractional posts of the terrain. GeoJSON counts as
 longitude and latitude unless it names a coordinate system; a CSV says by its header what it holds: ``lon,lat`` or the
-terrain's own ``x,y``, then perhaps a height ``z``, and perhaps a ``line`` that tells lines apart (as an empty row does).
+terrain's own ``x,y``, then perhaps a height ``z``, and perhaps a ``line`` that tells lines apart, as an empty row does.
 Over a terrain that does not say where it lies, ``x`` and ``y`` are metres east and south of its north-west post.
 
 A line whose points all have heights [m] is kept at them; any other lies on the surface.
@@ -81,7 +81,9 @@ def read_breaklines(path: str | Path, heightfield: Heightfield) -> Breaklines:
     if not lines:
         raise InputError(f"Expected lines of two points or more in {path.name}, found none.")
     if (points := sum(map(len, lines))) > MOST_POINTS:
-        raise InputError(f"Expected at most {MOST_POINTS:,} points in {path.name}, found {points:,}: simplify it first.")
+        raise InputError(
+            f"Expected at most {MOST_POINTS:,} points in {path.name}, found {points:,}: simplify it first."
+        )
     placed = [part for line in _to_posts(lines, crs, heightfield, path.name) for part in _parts(line)]
     inside = [line for line in placed if _touches(line, heightfield)]
     if not inside:

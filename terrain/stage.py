@@ -147,8 +147,8 @@ class Stage:
 
     @property
     def is_loading(self) -> bool:
-        """Whether the next picture will be another though nothing moves: tiles are being read, or light is baked."""
-        return self.trees.is_loading or not self._ground.is_done
+        """Whether the next picture will be another though nothing moves: something is being read, built or baked."""
+        return self.trees.is_loading or not self._ground.is_done or self.renderer.stats.pending
 
     def freeze(self, frame: Frame) -> None:
         """Keep what is chosen for ``frame`` until `thaw`, wherever one flies; its frustum is drawn."""

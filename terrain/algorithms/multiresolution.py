@@ -178,11 +178,11 @@ def select_patches(
         nodes = _split(nodes, large, culler)
     metres_per_px = MARGIN * tolerance_px / frame.pixels_per_radian
     if tree.refined is None:
-        rung = tree.rtin.ladder.coarsest_within(metres_per_px * nodes.distance_m)
-        return Patches(nodes.level, nodes.row, nodes.col, rung.astype(np.int32)), nodes
+        rung = tree.rtin.ladder.coarsest_within(metres_per_px * nodes.distance_m).astype(np.int32)
+        return Patches(nodes.level, nodes.row, nodes.col, rung), nodes
     departure_m = _departures(tree.refined, nodes)
-    while (shows := (departure_m > LINES_SHARE * metres_per_px * nodes.distance_m) & (nodes.level > FINEST_LEVEL)).any():
-        nodes = _split(nodes, shows, culler)
+    while (shows := departure_m > LINES_SHARE * metres_per_px * nodes.distance_m)[nodes.level > FINEST_LEVEL].any():
+        nodes = _split(nodes, shows & (nodes.level > FINEST_LEVEL), culler)
         departure_m = _departures(tree.refined, nodes)
     rung = tree.rtin.ladder.coarsest_within(metres_per_px * nodes.distance_m - departure_m).astype(np.int32)
     fine = np.flatnonzero(nodes.level == FINEST_LEVEL)

@@ -1,8 +1,8 @@
 """Imported microstructures: the cells that breaklines cross, each refined by a small TIN of its own.
 
-Every cell of the reference grid that a line crosses is triangulated anew with the line as edges. The paper's three
-conditions hold: a TIN's domain is its cell; at the corners it has the posts' heights; and what vertices it has on a side
-of its cell, the cell beyond has as well, for a line that touches a side refines the cells on both.
+Every cell of the reference grid that a line crosses is triangulated anew with the line as edges. The paper's
+conditions hold: a TIN's domain is its cell; at the corners it has the posts' heights; and what vertices it has on a
+side of its cell, the cell beyond has as well, for a line that touches a side refines the cells on both.
 
 Refined cells come in *refined patches*: squares of 8 x 8 cells, drawn with every post. A patch that is far enough for
 the lines in it not to matter is drawn as any other (`departure_m` says how much they matter).
@@ -13,9 +13,9 @@ the lines in it not to matter is drawn as any other (`departure_m` says how much
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -49,8 +49,7 @@ class RefinedCells:
     patches : ndarray of int64, (p, 2)
         Row and column, in patches, of the refined patches, in ascending order.
     triangles : ndarray of int32, (m, 3)
-        Counter-clockwise from above: post numbers in a grid of ``row_length`` posts to a row, and from ``post_count`` on
-        the vertices.
+        Counter-clockwise from above: numbers of posts in the padded grid and, behind all of them, of the vertices.
     starts : ndarray of int64, (p + 1,)
         Patch i owns ``triangles[starts[i]:starts[i + 1]]``.
     fins : ndarray of float32, (f, 3, 4)
@@ -171,7 +170,7 @@ def _cut_line(line: Floats, heightfield: Heightfield) -> tuple[Ints, Floats, Flo
     for axis, last in ((0, heightfield.cols - 1), (1, heightfield.rows - 1)):
         for sign, limit in ((1.0, 0.0), (-1.0, -float(last))):  # sign * (begin + t * step) >= limit
             rise, room = sign * step[:, axis], limit - sign * begin[:, axis]
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(all="ignore"):
                 at = room / rise
             enter = np.where(rise > 0, np.maximum(enter, at), enter)
             leave = np.where(rise < 0, np.minimum(leave, at), leave)
@@ -294,9 +293,10 @@ def _conforming(
     return [(places[c], places[b], places[a]) for a, b, c in mesh.used.tolist()]
 
 
-def _without_crossings(pieces: list[Piece], add: object, height_of: dict[Point, float]) -> list[Piece]:
+def _without_crossings(
+    pieces: list[Piece], add: Callable[[Point, float], None], height_of: dict[Point, float]
+) -> list[Piece]:
     """The pieces, cut where two cross; there the height is the mean of both."""
-    assert callable(add)
     cuts: dict[Piece, list[Point]] = {piece: [] for piece in pieces}
     for one, other in combinations(pieces, 2):
         (ax, ay), (bx, by), (cx, cy), (dx, dy) = *one, *other
@@ -314,7 +314,7 @@ def _without_crossings(pieces: list[Piece], add: object, height_of: dict[Point, 
     parts = []
     for (begin, end), inside in cuts.items():
         chain = sorted({begin, end, *inside}, key=lambda p: (p[0] - begin[0]) ** 2 + (p[1] - begin[1]) ** 2)
-        parts += list(zip(chain, chain[1:], strict=False))
+        parts += list(pairwise(chain))
     return parts
 
 
@@ -328,7 +328,7 @@ def _at_points(piece: Piece, places: list[Point]) -> list[Piece]:
         if across * (y - ay) == along * (x - ax) and 0 <= reach <= across**2 + along**2:
             on.append((reach, (x, y)))
     chain = [point for _, point in sorted(on)]
-    return list(zip(chain, chain[1:], strict=False))
+    return list(pairwise(chain))
 
 
 class _Numbers:
@@ -370,7 +370,7 @@ def _patch_triangles(
 def _build_fins(
     height_of: dict[Point, float], heightfield: Heightfield, patches: Ints
 ) -> tuple[npt.NDArray[np.float32], Ints]:
-    """Fins along the sides of patches: fans from one post over the lines' vertices to the next, seen from both sides."""
+    """Fins along the sides of patches: fans from one post over the lines' vertices to the next, with two faces."""
     edge_units = PATCH_CELLS * UNITS
     index_of = {(r, c): i for i, (r, c) in enumerate(patches.tolist())}
     sides: dict[tuple[bool, int, int], list[Point]] = {}  # (upright, line in units, unit edge along it) -> vertices
@@ -392,7 +392,7 @@ def _build_fins(
             is_post = (col, row) in posts
             height = heightfield.heights_m[row // UNITS, col // UNITS] if is_post else height_of[col, row]
             corners.append((col / UNITS, row / UNITS, height, 0.0))
-        for one, other in zip(corners[1:-1], corners[2:], strict=True):
+        for one, other in pairwise(corners[1:]):
             fins += [(corners[0], one, other), (corners[0], other, one)]
             between += [[index_of[both[0]], index_of[both[1]]]] * 2
     return np.array(fins, np.float32).reshape(-1, 3, 4), np.array(between, np.int64).reshape(-1, 2)

@@ -35,7 +35,6 @@ from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
 from terrain.scene import Scene
 
-
 _NO_PATCHES = Patches(*(np.empty(0, np.int32) for _ in range(4)))
 TINS_ASIDE = 8  # made at once while one flies on
 VERTEX_TEXELS = 1024  # to a row of the texture that holds the lines' vertices
@@ -154,7 +153,9 @@ class MultiresolutionRenderer:
         if tree.refined is not None and len(tree.refined.patches):
             refined = {"BREAKLINES": 1}
             self._line_vertices = _vertex_texture(self._gpu, tree.refined)
-            self._culler = Culler(replace(self._scene, pyramid=widened(self._scene.pyramid, tree.refined)), FINEST_LEVEL)
+            self._culler = Culler(
+                replace(self._scene, pyramid=widened(self._scene.pyramid, tree.refined)), FINEST_LEVEL
+            )
         self._geometry = Geometry(self._gpu, "multiresolution", "mesh", (), self._indices, defines | refined)
         corners = [(self._wall_corners, "4f", "in_corner")]
         self._wall_geometry = Geometry(self._gpu, "multiresolution_wall", "mesh", corners, defines=defines)

@@ -101,7 +101,10 @@ def test_what_lies_beside_is_told(tmp_path):
         ('{"type": "LineString", "coordinates": [[1, 2], [true, 2]]}', "points as"),
         ('{"type": "LineString", "coordinates": 7}', "list of points"),
         ('{"type": "LineString", "crs": 3, "coordinates": [[1, 2], [2, 3]]}', "crs"),
-        ('{"type": "LineString", "crs": {"properties": {"name": "EPSG:1"}}, "coordinates": [[1, 2], [2, 3]]}', "EPSG:1"),
+        (
+            '{"type": "LineString", "crs": {"properties": {"name": "EPSG:1"}}, "coordinates": [[1, 2], [2, 3]]}',
+            "EPSG:1",
+        ),
         ('{"type": "LineString", "coordinates": [[100, 2], [101, 3]]}', "beside"),
         ("[" * 100_000, "nesting"),
         ("hello,world\n1,2\n", "header"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def test_line_is_in_the_mesh_with_its_heights():
     line = [(3.3, 4.7, 50.0), (12.6, 9.1, 60.0), (12.6, 20.4, 40.0)]
     refined = refine(terrain, line)
     check_watertight(terrain, refined)
-    for (*begin, z0), (*end, z1) in zip(line, line[1:], strict=False):
+    for (*begin, z0), (*end, z1) in pairwise(line):
         assert covered_share(terrain, refined, begin, end) == pytest.approx(1, abs=0.01)
         step = np.array(end) - begin
         t = (refined.vertices[:, :2] - begin) @ step / (step @ step)
