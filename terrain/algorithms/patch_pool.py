@@ -3,8 +3,8 @@
 Storing every mesh of every patch would take a hundred million triangles for 4097 x 4097 posts; a view needs a few
 thousand patches, and a step of the camera a few new ones. Missing meshes are extracted all at once. *Microstructures*
 may get a TIN of the same rim and the same error in place of the grid mesh. Measured at 1025 x 1025 posts, one pixel
-allowed: TINs of the 15 % save 6 % of all triangles on mountains (a quarter of a millisecond of drawing) and nothing in a
-city, and take 10 to 80 ms each, seconds for a view. So they are an option, and off unless asked for.
+allowed: TINs of the 15 % save 6 % of all triangles on mountains (a quarter of a millisecond of drawing), nothing in a
+city, and take 10 to 80 ms each, seconds for a view: so they are an option.
 
 **Source** J. Doellner, "Integrated multiresolution modeling of terrain geometry and terrain texture data", sections
 "Approximation strategies" and "Implementation issues" (patches kept as display lists).
