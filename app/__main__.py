@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from app.arguments import OneLineParser, join_negative_values
 from app.commands import COMMANDS, DEFAULT_COMMAND
 from terrain import __version__
-from terrain.errors import InputError
+from terrain.errors import InputError, as_sentence
 
 BAD_INPUT, INTERRUPTED = 2, 130
 
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return COMMANDS[args.command].run(args) or 0
     except InputError as error:
-        print(f"reliefscope: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"reliefscope: {as_sentence(error)}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("reliefscope: interrupted", file=sys.stderr)

@@ -25,7 +25,7 @@ from app.jobs import Jobs
 from app.opening import Drawing, close_images, open_images, open_stage, without_waiting
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
-from terrain.errors import InputError
+from terrain.errors import InputError, as_sentence
 from terrain.flight import Flight, demo_flight, numbered_path
 from terrain.frame import FrameStats
 from terrain.gpu.context import Gpu
@@ -139,7 +139,7 @@ class Session:
 
     def say(self, text: str) -> None:
         """Show a line for a while."""
-        self._message, self._message_until_s = text, self.clock_s + MESSAGE_S
+        self._message, self._message_until_s = as_sentence(text), self.clock_s + MESSAGE_S
 
     def touch(self) -> None:
         """Something changed: the picture must be drawn again."""
@@ -191,7 +191,7 @@ class Session:
         try:
             self.stats = self.stage.draw(frame, self.picture, self.view)
         except ShaderError as error:  # only where shaders are being changed (--dev)
-            self.say(" ".join(str(error).split()))
+            self.say(str(error))
             return
         for message in self.stage.trees.take_messages():
             self.say(message)
