@@ -10,7 +10,7 @@ from terrain.errors import InputError, as_sentence
 @pytest.mark.parametrize(
     ("message", "shown"),
     [
-        ("expected a terrain file, found nothing; correct the path", "Expected a terrain file, found nothing; correct the path."),
+        ("expected a file, found none; correct the path", "Expected a file, found none; correct the path."),
         ("Expected a name.", "Expected a name."),
         ("alps.tif cannot be read.", "alps.tif cannot be read."),
         ("expected.tif cannot be read", "expected.tif cannot be read."),
