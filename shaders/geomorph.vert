@@ -6,7 +6,7 @@
 #include "lib/surface.glsl"
 #include "lib/emit.glsl"
 
-in ivec4 in_tile;     // north-west post (col, row); size level t; drawn level L
+in ivec3 in_tile;     // north-west post (col, row); drawn level L
 in float in_lam;      // lambda of the interior
 in vec4 in_edge_lam;  // lambda of the north, south, west and east edge
 uniform int u_cells;  // cells per side as drawn: 2^(t - L)
@@ -17,7 +17,7 @@ void main() {
     // Division by a float is exact for the few posts of a tile, and integers divide slowly.
     int row = int((float(gl_VertexID) + 0.5) / float(u_cells + 1));
     ivec2 ij = ivec2(gl_VertexID - row * (u_cells + 1), row);
-    int level = in_tile.w;
+    int level = in_tile.z;
     ivec2 cell = in_tile.xy >> level;
     // A tile of a single cell may be one that is cut SW-NE: turn the mesh, whose first cell is cut NW-SE.
     if (u_cells == 1 && !is_nw_se(cell)) ij = ivec2(1 - ij.y, ij.x);

@@ -10,6 +10,8 @@ in vec3 v_position_m;
 #elif defined(POSITION_FROM_DEPTH)
 // 1 / gl_FragCoord.w is the view depth, and the sight ray is as long as view depth 1
 #define v_position_m (sight_ray(gl_FragCoord.xy * u_viewport.zw) / gl_FragCoord.w)
+#elif defined(DISTANCE_FROM_DEPTH)
+#define v_position_m vec3(0.0, 0.0, sight_length(gl_FragCoord.xy * u_viewport.zw) / gl_FragCoord.w)  // as far away
 #else
 const vec3 v_position_m = vec3(0.0);
 #endif

@@ -4,13 +4,11 @@
 #include "lib/frame.glsl"
 #include "lib/atmosphere.glsl"
 
-out vec3 v_ray;
-out vec3 v_colour;
+noperspective out vec3 v_colour;  // as cheap as a varying can be
 
 void main() {
     vec2 screen = vec2(float(gl_VertexID / 2) / SKY_COLS, (float(gl_InstanceID) + 1.0 - float(gl_VertexID & 1)) / SKY_ROWS);
-    v_ray = sight_ray(screen);
-    v_colour = sky_colour(normalize(v_ray));
+    v_colour = sky_colour(normalize(sight_ray(screen)));
 #ifdef LOG_DEPTH
     const float far = -1.0;  // clip volume -1..1: depth 0
 #else

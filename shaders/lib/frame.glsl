@@ -5,7 +5,7 @@ layout(std140) uniform Frame {
     vec4 u_eye_height;     // x + y: eye height [m] as two floats; z: near plane [m]; w: K, pixels per (size / distance)
     vec4 u_grid;           // xy: cols, rows; zw: post spacing dx, dz [m]
     vec4 u_viewport;       // xy: size [px]; zw: 1 / size
-    vec4 u_ray[3];         // sight ray through the lower left corner, then its change across and up the picture
+    vec4 u_ray[3];         // sight ray through the lower left corner, then its change across and up the picture (w: squared)
     vec4 u_sun;            // xyz: unit vector to the sun
     vec4 u_sunlight;       // rgb: light of the sun on a surface that faces it, linear
     vec4 u_sky_light;      // rgb: light of the whole sky, linear
@@ -43,4 +43,10 @@ float height_of(float y_m) {
 // Sight ray through a point of the picture (0..1, origin at the lower left), as long as its view depth is 1.
 vec3 sight_ray(vec2 screen) {
     return u_ray[0].xyz + screen.x * u_ray[1].xyz + screen.y * u_ray[2].xyz;
+}
+
+// Length of that ray.
+float sight_length(vec2 screen) {
+    vec2 off = screen - 0.5;
+    return sqrt(1.0 + dot(off * off, vec2(u_ray[1].w, u_ray[2].w)));
 }

@@ -84,6 +84,7 @@ def pack_frame(frame: Frame, heightfield: Heightfield, look: Look) -> np.ndarray
     corner *= np.tan(np.radians(frame.camera.fov_deg) / 2) * np.array([frame.aspect, 1.0])
     view = np.concatenate([corner, -np.ones((3, 1))], axis=1) @ frame.camera.view_from_eye()
     block["ray"][:, :3] = view[0], view[1] - view[0], view[2] - view[0]  # lower left, then across, then up
+    block["ray"][1:, 3] = np.square(block["ray"][1:, :3]).sum(axis=1)
     for field in fields(look):
         block[field.name] = getattr(look, field.name)
     # Haze at the eye: a constant of the frame. Below the haze's own floor it grows no further.

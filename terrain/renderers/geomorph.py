@@ -10,7 +10,8 @@ import moderngl
 import numpy as np
 
 from terrain.algorithms.culling import Culler
-from terrain.algorithms.geomorph import TileLevels, Tiles, build_morph_targets, tile_triangles
+from terrain.algorithms.geomorph import TileLevels, Tiles, tile_triangles
+from terrain.algorithms.morph_targets import build_morph_targets
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
 from terrain.gpu.geometry import Geometry
@@ -21,9 +22,9 @@ from terrain.renderers.base import Boxes, setting
 from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
-SPLIT_RATIO = 10.0  # culling nodes are split while nearer than this many times their size
+SPLIT_RATIO = 20.0  # culling nodes are split while nearer than this many times their size
 LARGEST_GAIN, SMALLEST_GAIN = 0.6, 0.02  # how much of the gap between cost and budget one frame closes, in powers
-INSTANCE_DTYPE = np.dtype([("tile", np.int32, 4), ("lam", np.float32), ("edge_lam", np.float32, 4)])
+RECORD_WORDS = 8  # of 32 bits per tile: north-west post, level; lambda of the interior and of the four edges
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class GeomorphRenderer:
         self._tile_count = int(np.prod(self._levels.tiers[0].minimum_m.shape))
         meshes = [build_tile_indices(1 << k) for k in range(self._levels.size_level + 1)]
         self._index_buffers = [gpu.ctx.buffer(mesh.tobytes()) for mesh in meshes]
-        self._instances = [gpu.ctx.buffer(reserve=INSTANCE_DTYPE.itemsize, dynamic=True) for _ in meshes]
+        self._instances = [gpu.ctx.buffer(reserve=4 * RECORD_WORDS, dynamic=True) for _ in meshes]
         size = 1 << self._levels.tiers[-1].size_level
         posts = build_morph_targets(scene.heightfield.heights_m, size)
         self._posts = gpu.ctx.texture(posts.shape[1::-1], 2, posts.data, dtype="f4")
@@ -84,7 +85,7 @@ class GeomorphRenderer:
         defines = {"CLIP_EDGES": 1} if self._overhangs else {}
         self._geometry = [
             Geometry(
-                gpu, "geomorph", "mesh", [(tiles, "4i 1f 4f /i", "in_tile", "in_lam", "in_edge_lam")], mesh, defines
+                gpu, "geomorph", "mesh", [(tiles, "3i 1f 4f /i", "in_tile", "in_lam", "in_edge_lam")], mesh, defines
             )
             for tiles, mesh in zip(self._instances, self._index_buffers, strict=True)
         ]
@@ -132,19 +133,19 @@ class GeomorphRenderer:
     def _upload(self, tiles: Tiles, frame: Frame) -> None:
         """One record per tile, tiles of one mesh side by side, the finest and nearest first."""
         mesh = tiles.size_level - tiles.level
-        centre = tiles.post + (np.left_shift(1, tiles.size_level) / 2)[:, None]
+        # Sixteen bits are order enough, and are sorted many times faster: finest mesh first, then by log distance (the
+        # upper bits of a float).
         dx, dz = self._scene.heightfield.spacing_m
-        x, z = centre[:, 0] * dx - frame.eye_m[0], centre[:, 1] * dz - frame.eye_m[2]
-        # Sixteen bits are order enough, and are sorted many times faster: finest mesh first, then by log distance.
+        half = np.left_shift(1, tiles.size_level).astype(np.float32) / 2
+        x = (tiles.post[:, 0].astype(np.float32) + half) * np.float32(dx) - np.float32(frame.eye_m[0])
+        z = (tiles.post[:, 1].astype(np.float32) + half) * np.float32(dz) - np.float32(frame.eye_m[2])
+        nearness = (x * x + z * z).view(np.int32) >> 18
         rank = len(self._counts) - 1 - mesh
-        nearness = np.clip(128.0 * np.log2(x * x + z * z + 1.0), 0, 8191).astype(np.uint16)
-        order = np.argsort((rank.astype(np.uint16) << 13) | nearness, kind="stable")
-        records = np.empty(len(order), INSTANCE_DTYPE)
-        records["tile"][:, :2] = tiles.post[order]
-        records["tile"][:, 2] = tiles.size_level[order]
-        records["tile"][:, 3] = tiles.level[order]
-        records["lam"] = tiles.lam[order]
-        records["edge_lam"] = tiles.edge_lam[order]
+        order = np.argsort(((rank << 13) + nearness).astype(np.uint16), kind="stable")
+        records = np.empty((len(order), RECORD_WORDS), np.int32)
+        records[:, :2], records[:, 2] = tiles.post, tiles.level
+        records[:, 3], records[:, 4:] = tiles.lam.view(np.int32), tiles.edge_lam.view(np.int32)
+        records = np.take(records, order, axis=0)
         self._counts = np.bincount(mesh, minlength=len(self._geometry))
         last = np.cumsum(self._counts[::-1])[::-1]  # the finest mesh comes first
         for buffer, stop, count in zip(self._instances, last, self._counts, strict=True):
@@ -152,7 +153,7 @@ class GeomorphRenderer:
             if data.nbytes > buffer.size:
                 buffer.orphan(2 * data.nbytes)
             if count:
-                buffer.write(data.tobytes())
+                buffer.write(data)
         self.stats.uploaded_bytes = records.nbytes
 
     def draw(self, frame: Frame) -> None:

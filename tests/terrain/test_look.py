@@ -96,6 +96,38 @@ def test_what_is_off_is_not_compiled():
     assert shading_defines(LookSettings(fog_height_m=300.0), 0) == {"FOG": 1, "HEIGHT_FOG": 1}
 
 
+@pytest.mark.parametrize(("azimuth", "elevation"), [(305.0, 34.0), (90.0, 3.0), (200.0, 89.0), (0.0, 90.0)])
+def test_the_disc_of_the_sun_is_in_the_middle_of_a_look_at_it(staged, azimuth, elevation):
+    stage = staged(ramp(), replace(CLEAR, sun_azimuth_deg=azimuth, sun_elevation_deg=elevation))
+    eye = (320.0, 2000.0, 320.0)
+    light = lightness(stage.render(Camera(eye, azimuth, elevation, 10.0, fov_deg=10.0), SIZE_PX).astype(int))
+    disc = light > (light.max() + np.median(light)) / 2
+    row, col = np.nonzero(disc)
+    assert abs(row.mean() - SIZE_PX[1] / 2) < 1.0
+    assert abs(col.mean() - SIZE_PX[0] / 2) < 1.0
+    radius_px = 0.0152 * stage.frame(Camera(eye, fov_deg=10.0), SIZE_PX).pixels_per_radian
+    assert disc.sum() == pytest.approx(np.pi * radius_px**2, rel=0.1)
+    stage.set_look(replace(CLEAR, sun_azimuth_deg=azimuth + 180.0, sun_elevation_deg=elevation))
+    behind = lightness(stage.render(Camera(eye, azimuth, elevation / 3, fov_deg=10.0), SIZE_PX).astype(int))
+    assert np.ptp(behind) < 0.5 * (light.max() - np.median(light))
+
+
+def test_haze_takes_the_share_of_the_colour_that_koschmieder_says(staged):
+    """A wall at several distances, with and without haze: what is left of its contrast to the horizon."""
+    heights = np.zeros((65, 65))
+    heights[:8] = 400.0
+    stage = staged(field(heights))
+    for distance_m in (20.0, 150.0, 400.0):
+        camera = Camera((320.0, 60.0, 78.5 + distance_m), 0.0, 0.0, fov_deg=4.0)
+        stage.set_look(CLEAR)
+        clear = stage.render(camera, SIZE_PX)[40:80, 60:100].mean(axis=(0, 1))
+        stage.set_look(replace(CLEAR, fog=True, visibility_km=0.4))
+        hazy = stage.render(camera, SIZE_PX)[40:80, 60:100].mean(axis=(0, 1))
+        horizon = 255 * np.array(stage._uniforms.horizon[:3])
+        left = float(np.dot(hazy - horizon, clear - horizon) / np.dot(clear - horizon, clear - horizon))
+        assert left == pytest.approx(np.exp(-3.912 * distance_m / 400.0), abs=0.01)
+
+
 def test_a_slope_is_brighter_with_the_sun_on_it(staged):
     stage = staged(ramp())
     camera = from_above(stage.scene.heightfield)

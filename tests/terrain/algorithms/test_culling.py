@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from terrain.algorithms import culling
 from terrain.algorithms.culling import Culler
 from terrain.camera import Camera
 from terrain.frame import Frame
@@ -106,6 +107,18 @@ def test_selected_nodes_are_disjoint_and_sorted_by_distance(x, y, z, yaw, pitch,
 
 
 SCENE = ridges()
+
+
+@pytest.mark.parametrize("split_ratio", [None, 8.0, 0.5, 0.0])
+def test_entering_the_hierarchy_below_its_root_changes_nothing(monkeypatch, split_ratio) -> None:
+    culler = Culler(SCENE, 3)
+    for camera in (*cameras(SCENE, 20), Camera((3000.0, 90_000.0, 1500.0), 0.0, -90.0)):
+        frame = Frame(camera, SIZE)
+        monkeypatch.setattr(culling, "FIRST_NODES", 256)
+        entered = culler.select(frame, horizon=False, split_ratio=split_ratio)
+        monkeypatch.setattr(culling, "FIRST_NODES", 1)
+        from_root = culler.select(frame, horizon=False, split_ratio=split_ratio)
+        assert set(zip(*entered[:3], strict=True)) == set(zip(*from_root[:3], strict=True))
 
 
 def test_boxes_hold_their_posts() -> None:

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from terrain.algorithms.culling import Culler
-from terrain.algorithms.geomorph import TileLevels, Tiles, build_morph_targets, tile_triangles
+from terrain.algorithms.geomorph import TileLevels, Tiles, tile_triangles
+from terrain.algorithms.morph_targets import build_morph_targets
 from terrain.camera import Camera
 from terrain.frame import Frame
 from terrain.heightfield import Heightfield, surface_heights
