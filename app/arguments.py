@@ -142,5 +142,11 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--exaggeration", metavar="K", type=positive, default=1.0, help="factor to the heights, in the picture only"
     )
-    group.add_argument("--flight", metavar="FILE", type=Path, help="a *.flight.json (the terrain's own demo flight)")
+    group.add_argument(
+        "--flight", metavar="FILE", type=Path, help="a *.flight.json, or a track: GPX, KML, CSV (the demo flight)"
+    )
+    group.add_argument(
+        "--above-ground", metavar="M", type=positive, help="fly a track this high above the ground, not at its heights"
+    )
+    group.add_argument("--duration", metavar="S", type=positive, help="how long a track is flown, instead of its times")
     group.add_argument("--size", metavar="WxH", type=size, help="size of the picture in pixels")

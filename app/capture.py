@@ -93,23 +93,6 @@ def save_array(path: Path, array: npt.NDArray[Any], overwrite: bool = False) -> 
         np.save(file, array)
 
 
-class SinglePicture:
-    """A PNG file that takes one picture."""
-
-    def __init__(self, path: Path, overwrite: bool = False) -> None:
-        refuse_existing(path, overwrite)
-        self._path, self._overwrite = path, overwrite
-
-    def add(self, picture: Picture) -> None:
-        save_png(self._path, picture, self._overwrite)
-
-    def __enter__(self) -> SinglePicture:
-        return self
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        pass
-
-
 class FrameFolder:
     """A folder of ``frame_0000.png``, ``frame_0001.png`` ...; the folder is made where it is missing.
 
@@ -221,10 +204,7 @@ def refuse_output(out: Path, overwrite: bool = False) -> None:
 
 
 def open_sink(out: Path, size_px: tuple[int, int], fps: int, overwrite: bool = False, codec: str = "h264") -> Sink:
-    """What ``out`` names: ``.png`` one picture, ``.mp4`` a film, anything else a folder of frames."""
-    suffix = out.suffix.lower()
-    if suffix == ".png":
-        return SinglePicture(out, overwrite)
-    if suffix == ".mp4":
+    """What ``out`` names: ``.mp4`` a film, anything else a folder of frames."""
+    if out.suffix.lower() == ".mp4":
         return Film(out, size_px, fps, overwrite, codec)
     return FrameFolder(out, overwrite)

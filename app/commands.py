@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,31 +33,35 @@ def view(args: argparse.Namespace) -> None:
     from app.viewer import Window, WindowError
 
     drawing = read_drawing(args)
-    flight = _read_flight(args.flight)
     with ThreadPoolExecutor(1) as pool:
         terrain = pool.submit(open_terrain, args)  # read while the window is made
         try:
             window = Window(args.size or DEFAULT_SIZE_PX)
         except WindowError as reason:
             print(f"{reason} Filming the demo flight off screen instead.", flush=True)
-            _film_tour(terrain.result(), drawing, flight, args.size or TOUR_SIZE_PX)
+            _film_tour(terrain.result(), drawing, _read_flight(args, terrain.result()), args.size or TOUR_SIZE_PX)
             return
         with window:
-            window.run(terrain.result(), drawing, flight, args.dev)
+            window.run(terrain.result(), drawing, _read_flight(args, terrain.result()), args, args.dev)
 
 
 def render(args: argparse.Namespace) -> None:
     """Draw pictures off screen: a PNG, a folder of PNGs, an MP4 film, or world positions."""
-    from app.capture import open_sink, refuse_existing, refuse_output, save_array
-    from app.rendering import draw_pictures, write_pictures
+    from app.capture import open_sink, refuse_codec, refuse_existing, refuse_output, save_array
+    from app.rendering import draw_pictures, save_picture, write_pictures
     from terrain.gpu.context import create_offscreen_gpu
 
     size_px = args.size or DEFAULT_SIZE_PX
-    is_single = args.eye is not None or args.at is not None or (args.out is not None and args.out.suffix == ".png")
+    is_single = (
+        args.eye is not None or args.at is not None or (args.out is not None and args.out.suffix.lower() == ".png")
+    )
     _check_render(args, is_single)
     drawing = read_drawing(args)
+    drawing = replace(drawing, settings=drawing.settings.unhurried())
     if args.out is not None:
         refuse_output(args.out, args.overwrite)
+        if args.out.suffix.lower() == ".mp4":
+            refuse_codec(args.codec)
     if args.positions is not None:
         refuse_existing(args.positions, args.overwrite)
     heightfield = open_terrain(args)
@@ -68,9 +73,12 @@ def render(args: argparse.Namespace) -> None:
         print("\n".join(f"{image.name}: {note}" for note in image.notes))
     try:
         if args.out is not None:
-            with open_sink(args.out, size_px, args.fps, args.overwrite) as sink:
-                pictures = draw_pictures(stage, cameras, times_s, size_px, drawing.view)
-                write_pictures(pictures, len(cameras), [sink], "Rendering")
+            if is_single:
+                save_picture(stage, cameras[0], size_px, drawing.view, times_s[0], args.out, args.overwrite)
+            else:
+                with open_sink(args.out, size_px, args.fps, args.overwrite, args.codec) as sink:
+                    pictures = draw_pictures(stage, cameras, times_s, size_px, drawing.view)
+                    write_pictures(pictures, len(cameras), [sink], "Rendering")
             stats = stage.renderer.stats
             print(
                 f"Wrote {args.out}: {len(cameras)} picture{'s' * (len(cameras) > 1)} of {size_px[0]}x{size_px[1]}, "
@@ -131,11 +139,16 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     camera.add_argument(
         "--fps", metavar="N", type=arguments.count, default=30, help="pictures per second of a film (30)"
     )
+    camera.add_argument(
+        "--pace", choices=("timed", "constant", "eased"), default="timed",
+        help="fly as the keyframes are timed, at constant speed, or with a soft start and end (timed)",
+    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="PNG|DIR|MP4", type=Path, help="where to; what exists is not overwritten")
     output.add_argument(
         "--positions", metavar="NPY", type=Path, help="world positions (height, width, 3), NaN where sky"
     )
+    output.add_argument("--codec", choices=("h264", "av1"), default="h264", help="of a film (h264)")
     output.add_argument("--overwrite", action="store_true", help="replace what exists")
     _list_settings(parser)
 
@@ -185,12 +198,17 @@ def _list_settings(parser: argparse.ArgumentParser) -> None:
     parser.format_help = lambda: f"{show()}\n{epilog()}\n"  # type: ignore[method-assign]
 
 
-def _read_flight(path: Path | None) -> Any:
-    if path is None:
+def _read_flight(args: argparse.Namespace, heightfield: Any) -> Any:
+    """The flight a command names, from a flight file or a track; None where it names none."""
+    if args.flight is None:
         return None
     from terrain.flight import read_flight
+    from terrain.flight.track_files import TRACK_SUFFIXES
+    from terrain.flight.tracks import read_track
 
-    return read_flight(path)
+    if args.flight.suffix.lower() in TRACK_SUFFIXES:
+        return read_track(args.flight, heightfield, args.above_ground, args.duration)
+    return read_flight(args.flight)
 
 
 def _check_render(args: argparse.Namespace, is_single: bool) -> None:
@@ -213,15 +231,15 @@ def _render_cameras(args: argparse.Namespace, heightfield: Any, is_single: bool)
     """The cameras of a render command and their times [s]."""
     from app.rendering import flight_times
     from terrain.camera import Camera
-    from terrain.flight import demo_flight
+    from terrain.flight import demo_flight, flight_time
 
     if args.eye is not None:
         pitch = -10.0 if args.pitch is None else args.pitch
         return [Camera(args.eye, args.yaw or 0.0, pitch, args.roll or 0.0, args.fov or 60.0)], [0.0]
-    given = _read_flight(args.flight)
+    given = _read_flight(args, heightfield)
     flight = demo_flight(heightfield) if given is None else given.relocated(heightfield)
     times = [args.at or 0.0] if is_single else flight_times(flight.duration_s, args.frames, args.fps)
-    return [flight.camera_at(time_s) for time_s in times], times
+    return [flight.camera_at(flight_time(flight, args.pace, time_s)) for time_s in times], times
 
 
 def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, int]) -> None:

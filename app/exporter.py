@@ -13,45 +13,48 @@ from collections.abc import Generator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from app.capture import open_png, open_sink
-from app.place import is_straight_down, picture_notes, straightened, world_file, world_file_path
-from app.rendering import draw_bands, draw_slowly, flight_times
+from app.capture import CODECS, open_sink
+from app.jobs import Job
+from app.place import is_straight_down, straightened, world_file_path
+from app.rendering import draw_slowly, flight_times, save_slowly
 from terrain.errors import InputError
 from terrain.flight import numbered_path
-from terrain.flight.file import write_text
+from terrain.settings import setting
 
 if TYPE_CHECKING:
     from app.session import Session
 
 SLICE_S, STILL_SLICE_S = 0.03, 0.2  # of every frame of the window: while one flies, and while nothing moves
 WINDOW_TILE_PX = 1024  # so that no tile keeps the window waiting
-Kind = Literal["film", "frames", "picture"]
-KINDS: dict[Kind, str] = {
-    "film": "The flight as MP4.",
-    "frames": "The flight as a folder of PNG files.",
-    "picture": "The present view as one large PNG.",
+KINDS = {
+    "film": "the flight as MP4",
+    "frames": "the flight as PNG files in a folder",
+    "picture": "the present view as one PNG, of any size",
 }
-SIDES_PX, FPS, FRAMES = (16, 16384), (1, 240), (0, 100_000)
+LARGEST_PX = 16384
 Steps = Generator[float, None, None]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Order:
-    """What to export; filled in by the export window.
+    """What to export. The fields are widgets of the export window."""
 
-    ``frames`` 0 makes as many as the flight's duration asks for. ``straight_down`` is for pictures: a map, with a world
-    file beside it.
-    """
-
-    kind: Kind = "film"
-    width_px: int = 1920
-    height_px: int = 1080
-    fps: int = 30
-    frames: int = 0
-    codec: str = "h264"
-    straight_down: bool = False
+    kind: str = setting(
+        "film", "What", "Film: the flight as MP4. Frames: as PNG files in a folder. Picture: the present view as PNG.",
+        choices=tuple(KINDS),
+    )  # fmt: skip
+    width_px: int = setting(1920, "Width", "Of the picture; large ones are drawn in tiles.", unit="px",
+                            range=(16, LARGEST_PX))  # fmt: skip
+    height_px: int = setting(1080, "Height", "Of the picture.", unit="px", range=(16, LARGEST_PX))
+    fps: int = setting(30, "Frame rate", "Frames per second of the film.", unit="fps", range=(1, 240))
+    frames: int = setting(0, "Frames", "This many, spread over the flight; 0: as many as its seconds ask for.",
+                          range=(0, 20_000))  # fmt: skip
+    codec: str = setting("h264", "Codec", "H.264 plays everywhere; AV1 is half the size.", choices=tuple(CODECS))
+    straight_down: bool = setting(
+        False, "Straight down", "Look straight down from here, and write a world file that GIS programs read."
+    )
 
 
 class Exporter:
@@ -61,19 +64,16 @@ class Exporter:
     ----------
     order : Order
         The next one.
-    doing : str
-        What is being exported; empty where nothing is.
-    share : float
-        How much of it is done.
-    shows_window : bool
+    job : Job or None
+        What is being exported, for the status line.
     """
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self.order = Order()
-        self.doing, self.share = "", 0.0
-        self.shows_window = False
+        self.job: Job | None = None
         self._task: Steps | None = None
+        self._path = Path()
         self._begin_s = 0.0
 
     @property
@@ -83,9 +83,8 @@ class Exporter:
     @property
     def left_s(self) -> float | None:
         """How long it will take, at the pace so far; None before anything is known."""
-        if self.share < 0.01:
-            return None
-        return (time.perf_counter() - self._begin_s) * (1.0 - self.share) / self.share
+        share = 0.0 if self.job is None else self.job.share or 0.0
+        return (time.perf_counter() - self._begin_s) * (1.0 - share) / share if share >= 0.01 else None
 
     def start(self) -> None:
         """Begin what is ordered, under a new name in the session's folder."""
@@ -94,35 +93,44 @@ class Exporter:
         suffix = {"film": ".mp4", "frames": "-frames", "picture": ".png"}[order.kind]
         path = numbered_path(session.folder / f"{session.heightfield.name}{suffix}")
         work = self._picture if order.kind == "picture" else self._film
-        self._task, self.doing, self.share = work(order, path), path.name, 0.0
-        self._begin_s = time.perf_counter()
+        self._task, self._path, self._begin_s = work(order, path), path, time.perf_counter()
+        self.job = session.jobs.begin(f"Exporting {path.name}", "Escape cancels, what is done is kept", self.cancel)
 
     def work(self) -> None:
         """Draw for a slice of time."""
-        if self._task is None:
+        if self._task is None or self.job is None:
             return
         session, begin_s = self._session, time.perf_counter()
         slice_s = STILL_SLICE_S if session.is_still else SLICE_S
         try:
-            self.share = next(self._task)
+            self.job.share = next(self._task)
             while time.perf_counter() - begin_s < slice_s:
-                self.share = next(self._task)
+                self.job.share = next(self._task)
+            left_s = self.left_s
+            if left_s is not None:
+                self.job.name = f"Exporting {self._path.name}, {left_s:.0f} s left,"
         except StopIteration:
-            self._task, self.doing = None, ""
+            self._end()
         except (InputError, MemoryError, RuntimeError, ValueError, OSError) as error:
-            self._task, self.doing = None, ""
-            session.say(f"The export stopped: {error or type(error).__name__}.".replace("..", "."))
+            self._end()
+            session.say(f"The export stopped: {error or type(error).__name__}")
 
     def cancel(self) -> None:
         """Stop; a film or frames keep what is done."""
         if self._task is not None:
-            self._session.say(f"Export cancelled; what was done of {self.doing} is kept, unless it is one picture.")
             self.close()
+            kept = f"{self._path} holds what was done" if self._path.exists() else "nothing was written"
+            self._session.say(f"Export cancelled: {kept}.")
 
     def close(self) -> None:
         if self._task is not None:
             self._task.close()
-            self._task, self.doing = None, ""
+            self._end()
+
+    def _end(self) -> None:
+        self._task = None
+        self._session.jobs.end(self.job)
+        self.job = None
 
     def _film(self, order: Order, path: Path) -> Steps:
         session = self._session
@@ -154,17 +162,8 @@ class Exporter:
     def _picture(self, order: Order, path: Path) -> Steps:
         session = self._session
         camera = straightened(session.camera) if order.straight_down else session.camera
-        size_px, terrain = (order.width_px, order.height_px), session.heightfield
-        notes = picture_notes(camera, terrain, algorithm=session.algorithm, tolerance_px=session.settings.tolerance_px)
-        rows = 0
-        with session.twin_stage() as stage, open_png(path, size_px, notes) as png:
-            for band in draw_bands(stage, camera, size_px, session.view, session.clock_s, WINDOW_TILE_PX):
-                if band is not None:
-                    png.add(band)
-                    rows += len(band)
-                yield rows / size_px[1]
-        told = f"Exported {path}, {size_px[0]} x {size_px[1]}"
-        if is_straight_down(camera):
-            write_text(world_file_path(path), world_file(camera, terrain, size_px))
-            told += f", and {world_file_path(path).name} beside it"
-        session.say(f"{told}.")
+        size_px = order.width_px, order.height_px
+        with session.twin_stage() as stage:
+            yield from save_slowly(stage, camera, size_px, session.view, session.clock_s, path, tile_px=WINDOW_TILE_PX)
+        beside = f", and {world_file_path(path).name} beside it" if is_straight_down(camera) else ""
+        session.say(f"Exported {path}, {size_px[0]} x {size_px[1]}{beside}.")

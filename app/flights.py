@@ -10,6 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
+
 from app.autosave import EditedFlight, Journal, find_left, forget
 from app.controls import Inputs
 from app.timeline import Timeline
@@ -23,13 +26,15 @@ from terrain.flight import (
     flight_time,
     make_flight,
     numbered_path,
-    played_time,
+    played_times,
     write_flight,
 )  # fmt: skip
 from terrain.flight.tracks import write_kml
 
 if TYPE_CHECKING:
     from app.session import Session
+
+Floats = npt.NDArray[np.float64]
 
 APPENDED_S = 3.0  # a keyframe added at the end comes this long after the last
 EDITED_KEPT_S = 1.0
@@ -52,7 +57,6 @@ class Flights:
     pace : {"timed", "constant", "eased"}
     fps : int
         Of single steps, and of films.
-    shows_timeline : bool
     path : Path or None
         The file of the flight, where there is one.
     """
@@ -65,11 +69,11 @@ class Flights:
         self.is_playing = self.loops = False
         self.pace: Pace = "timed"
         self.fps = 30
-        self.shows_timeline = False
         self.path: Path | None = None
         self._journal: Journal | None = None
         self._edited = EditedFlight(self._recordings)
         self._kept_s = 0.0
+        self._key_times: tuple[Flight, Pace, Floats] | None = None
 
     @property
     def flight(self) -> Flight:
@@ -141,6 +145,12 @@ class Flights:
         self.pause()
         at = round(self.time_s * self.fps) + frames
         self.seek(at / self.fps)
+
+    def choose_pace(self, pace: Pace) -> None:
+        """Play at another pace; the view stays at the same moment of the flight."""
+        now_s = flight_time(self.flight, self.pace, self.time_s)
+        self.pace = pace
+        self.time_s = float(played_times(self.flight, pace, now_s))
 
     # Recording
 
@@ -222,6 +232,11 @@ class Flights:
         self.timeline.move(index, t_s, dragging)
         self._edit_said("")
 
+    def stretch(self, duration_s: float) -> None:
+        """Let the flight last another time."""
+        self.timeline.stretch(duration_s)
+        self._edit_said("")
+
     def select_keyframe(self, index: int) -> None:
         """Select a keyframe, and go there."""
         self.timeline.selected = index
@@ -236,13 +251,28 @@ class Flights:
         self.timeline.redo()
         self._edit_said("")
 
+    def key_times_s(self) -> Floats:
+        """When the keyframes are shown (n,) [s]."""
+        key = self.flight, self.pace
+        if self._key_times is None or self._key_times[0] is not key[0] or self._key_times[1] != key[1]:
+            self._key_times = *key, played_times(self.flight, self.pace, self.timeline.times_s)
+        return self._key_times[2]
+
     def _played(self, index: int) -> float:
-        return played_time(self.flight, self.pace, self.flight.keyframes[index].t_s)
+        return float(self.key_times_s()[index])
 
     def _edit_said(self, text: str) -> None:
         self.pause(text)
         self.time_s = min(self.time_s, self.duration_s)
         self._session.touch()
+
+    def take_over(self, old: Flights, same_place: bool) -> None:
+        """Play as another session's flights did; with ``same_place`` also their flight."""
+        self.pace, self.loops, self.fps = old.pace, old.loops, old.fps
+        if same_place:
+            old.save_recording()
+            self.timeline, self.path, self.time_s, self.is_playing = old.timeline, old.path, old.time_s, old.is_playing
+            self._edited, old._edited = old._edited, self._edited
 
     # Files
 

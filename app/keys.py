@@ -55,6 +55,7 @@ KEYBOARD_HELP = (
 )
 
 _ACTS = (
+    Binding("", "read the terrain's file again", lambda session: session.loader.reload(session), "File"),
     Binding("F12", "save the picture as PNG", Session.take_screenshot, "File"),
     Binding("Ctrl+Q", "leave", Session.leave, "File"),
     Binding("F", "freeze the selection, fly on and look at it", Session.toggle_freeze, "View",
@@ -64,8 +65,6 @@ _ACTS = (
             "Flight", lambda session: session.flights.recorder is not None),
     Binding("P", "play the flight, or pause", lambda session: session.flights.toggle_playing(), "Flight",
             lambda session: session.flights.is_playing),
-    Binding("K", "show or hide the timeline of keyframes", Session.toggle_timeline, "Flight",
-            lambda session: session.flights.shows_timeline),
     Binding("Insert", "make the view a keyframe at the playhead", lambda session: session.flights.add_keyframe(),
             "Flight"),
     Binding("U", "give the selected keyframe the view", lambda session: session.flights.update_keyframe(), "Flight"),
@@ -75,6 +74,7 @@ _ACTS = (
     Binding("Ctrl+Z", "take an edit of the flight back", lambda session: session.flights.undo(), "Flight"),
     Binding("Ctrl+Y", "do it again", lambda session: session.flights.redo(), "Flight"),
     Binding("Ctrl+S", "save the flight", lambda session: session.flights.save(), "Flight"),
+    Binding("", "save the flight as KML, for Google Earth", lambda session: session.flights.save_kml(), "Flight"),
     Binding("Ctrl+T", "hide all windows, or show them again", Session.toggle_windows, "Windows",
             lambda session: not session.shows_windows),
     Binding("", "bring all windows back to their places", Session.reset_layout, "Windows"),

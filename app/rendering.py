@@ -7,12 +7,15 @@ it exports must not wait for a large picture. What is drawn is chosen once, for 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.capture import Picture, Sink
+from app.capture import Picture, Sink, open_png, refuse_existing
+from app.place import is_straight_down, picture_notes, world_file, world_file_path
 from terrain.camera import Camera
+from terrain.flight.file import write_text
 
 TILE_PX = 2048
 LARGEST_CALIBRATED_PX = 4096  # a renderer that measures the GPU at its picture's size measures at this one at most
@@ -32,21 +35,19 @@ def flight_times(duration_s: float, frames: int | None, fps: int) -> list[float]
 def draw_bands(
     stage: Any, camera: Camera, size_px: tuple[int, int], view: Any, time_s: float = 0.0, tile_px: int = TILE_PX
 ) -> Iterator[Picture | None]:
-    """One picture as bands of rows from the top, and None after each tile but a band's last and while images load."""
-    frame = stage.frame(camera, size_px, time_s)
-    if max(size_px) <= tile_px:
-        while not stage.load_tiles(frame):
-            yield None
-        yield stage.render(camera, size_px, view, time_s)
-        return
+    """One picture as bands of rows from the top, and None after each tile but a band's last.
+
+    What is read piece by piece (images on the terrain) is waited for: None is given out meanwhile.
+    """
     if max(size_px) > LARGEST_CALIBRATED_PX:
         stage.render(camera, (TILE_PX, max(TILE_PX * size_px[1] // size_px[0], 1)), view, time_s)
+    frame = stage.frame(camera, size_px, time_s)
     columns, rows = (_split(length, tile_px) for length in size_px)
     is_first = True
     for bottom, top in reversed(rows):
         parts = []
         for left, right in columns:
-            tile = frame.tile((left, bottom), (right - left, top - bottom))
+            tile = frame if len(rows) * len(columns) == 1 else frame.tile((left, bottom), (right - left, top - bottom))
             while not stage.load_tiles(tile):
                 yield None
             target = stage.target(tile.viewport_px)
@@ -77,6 +78,35 @@ def draw_pictures(
     for camera, time_s in zip(cameras, times_s, strict=True):
         bands = [band for band in draw_bands(stage, camera, size_px, view, time_s) if band is not None]
         yield bands[0] if len(bands) == 1 else np.concatenate(bands)
+
+
+def save_picture(
+    stage: Any, camera: Camera, size_px: tuple[int, int], view: Any, time_s: float, path: Path, overwrite: bool = False
+) -> None:
+    """One picture as PNG that says where it was taken; of a view straight down with a world file beside it."""
+    for _ in save_slowly(stage, camera, size_px, view, time_s, path, overwrite):
+        pass
+
+
+def save_slowly(
+    stage: Any, camera: Camera, size_px: tuple[int, int], view: Any, time_s: float, path: Path, overwrite: bool = False,
+    tile_px: int = TILE_PX,
+) -> Iterator[float]:  # fmt: skip
+    """`save_picture` in steps of a tile, each telling the share that is done."""
+    terrain, renderer = stage.scene.heightfield, stage.renderer
+    notes = picture_notes(camera, terrain, algorithm=renderer.name, tolerance_px=renderer.settings.tolerance_px)
+    beside = world_file_path(path) if is_straight_down(camera) else None
+    if beside is not None:
+        refuse_existing(beside, overwrite)
+    rows = 0
+    with open_png(path, size_px, notes, overwrite) as png:
+        for band in draw_bands(stage, camera, size_px, view, time_s, tile_px):
+            if band is not None:
+                png.add(band)
+                rows += len(band)
+            yield rows / size_px[1]
+    if beside is not None:
+        write_text(beside, world_file(camera, terrain, size_px), overwrite)
 
 
 def _split(length: int, most: int) -> list[tuple[int, int]]:

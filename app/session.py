@@ -14,14 +14,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from app.browser import Browser
 from app.capture import save_png
 from app.comparison import Comparison
 from app.controls import Inputs, Motion, move, speed_m_s
+from app.dialogs import Dialogs
 from app.experiments import Experiments
 from app.exporter import Exporter
+from app.flight_lines import FlightLines
 from app.flights import Flights
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
 from app.jobs import Jobs
+from app.loader import Loader
 from app.opening import Drawing, close_images, open_images, open_stage, without_waiting
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
@@ -69,6 +73,7 @@ class Session:
         self.gpu, self.folder = gpu, folder
         self.preferences = PreferenceFile() if preferences is None else preferences
         drawing = replace(drawing, settings=without_waiting(drawing.settings))
+        self.image_paths = list(drawing.textures)
         self._images = open_images(drawing, heightfield)
         self.stage: Stage = open_stage(gpu, heightfield, drawing, self._images)
         self.stage.bake_budget_ms = BAKE_BUDGET_MS
@@ -92,6 +97,10 @@ class Session:
         self.comparison = Comparison()
         self.experiments = Experiments(self)
         self.exporter = Exporter(self)
+        self.dialogs = Dialogs(self)
+        self.loader = Loader()
+        self.browser = Browser(folder)
+        self._flight_lines = FlightLines()
         self.tuned: dict[str, Any] = {}  # settings that make algorithms equal, while they hold
         self.is_leaving = False
         self._message, self._message_until_s = "", 0.0
@@ -125,7 +134,7 @@ class Session:
     @property
     def is_asleep(self) -> bool:
         """Whether nothing at all is to be done until somebody does something."""
-        return self.is_still and not (self.experiments.wants_work or self.exporter.is_busy or self.jobs)
+        return self.is_still and not (self.experiments.wants_work or self.jobs)
 
     @property
     def height_above_ground_m(self) -> float:
@@ -193,6 +202,8 @@ class Session:
         except ShaderError as error:  # only where shaders are being changed (--dev)
             self.say(str(error))
             return
+        if self.is_open("timeline"):
+            self._flight_lines.draw(self.stage, frame, self.flights.flight, self.flights.timeline.selected)
         for message in self.stage.trees.take_messages():
             self.say(message)
         if self.gpu.is_software:
@@ -279,6 +290,7 @@ class Session:
     def twin_stage(self) -> Iterator[Stage]:
         """A stage of its own that draws the same, in full detail, whatever is changed here meanwhile."""
         twin = self._make_stage(self.stage.scene, self.algorithm, self.settings.unhurried(), self.stage.look)
+        twin.draws_legends = False  # as in the window
         try:
             yield twin
         finally:
@@ -339,10 +351,6 @@ class Session:
         """Put all windows back where they were at first."""
         self.shows_windows = self.wants_first_layout = True
 
-    def toggle_timeline(self) -> None:
-        self.flights.shows_timeline = not self.flights.shows_timeline
-        self.touch()  # the way flown is drawn into the picture with it
-
     def compare(self, mode: Any) -> None:
         """Show B beside A, the difference of the two, or A alone."""
         self.comparison.mode = mode
@@ -369,8 +377,34 @@ class Session:
             self.jobs.stop_newest()
 
     def leave(self) -> None:
-        """Ask the window to close."""
+        """Ask the window to close; edits that are not saved are asked about first."""
+        self.dialogs.unless_unsaved("leave", self._leave)
+
+    def _leave(self) -> None:
         self.is_leaving = True
+
+    def take_over(self, old: Session, same_place: bool) -> None:
+        """Go on as another session was set; with ``same_place`` also where it was, with its flight."""
+        self.shows_windows, self.browser = old.shows_windows, old.browser
+        self.flights.take_over(old.flights, same_place)
+        if same_place:
+            self.camera, self.motion = old.camera, old.motion
+            self.say(f"{self.heightfield.name} has changed on disk and was read again.")
+
+    def lay_image(self, image: Any, path: Path) -> None:
+        """Lay an image on the terrain, over those that lie there."""
+        self._images.append(image)
+        try:
+            self.stage.set_images(self._images)
+        except InputError as error:
+            self._images.remove(image)
+            self.stage.set_images(self._images)
+            image.close()
+            self.say(str(error))
+            return
+        self.image_paths.append(path)
+        self.say(" ".join([f"{image.name} lies on the terrain.", *image.notes]))
+        self.touch()
 
     def _save(self, write: Any, done: str) -> None:
         try:

@@ -10,8 +10,9 @@ import re
 import sys
 import time
 import warnings
+from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 from app.opening import Drawing
 from app.pacing import Pacer
@@ -67,6 +68,8 @@ class Window:
         self._awake_until_s = 0.0
         self._pacer = Pacer()
         self._has_vsync: bool | None = None  # GLFW's own choice until the first frame
+        self._dropped: list[Path] = []
+        self._session: Any = None
 
     def __enter__(self) -> Window:
         return self
@@ -78,26 +81,64 @@ class Window:
         self._window.destroy()
 
     def run(
-        self, heightfield: Heightfield, drawing: Drawing, flight: Any = None, watches_shaders: bool = False
-    ) -> None:
-        """Show a terrain until the window is closed; ``watches_shaders`` reloads those that change on disk."""
+        self, heightfield: Heightfield, drawing: Drawing, flight: Any = None, source: Any = None,
+        watches_shaders: bool = False,
+    ) -> None:  # fmt: skip
+        """Show a terrain until the window is closed.
+
+        Parameters
+        ----------
+        heightfield, drawing
+        flight : Flight, optional
+        source : argparse.Namespace, optional
+            What the terrain was read from: it is read again when it changes on disk.
+        watches_shaders : bool
+            Reload shaders that change on disk.
+        """
+        from app.loader import Loader
         from app.session import Session
 
         session = Session(self.gpu, heightfield, drawing, flight, preferences=self._preferences)
-        self._window.title = f"{heightfield.name} — Reliefscope"
+        session.loader = Loader(source)
+        self._glfw.set_drop_callback(self._window._window, cast(Any, self._take_drop))
+        self._show(session)
         self._window.visible = True  # not before there is something to see
         try:
             self._loop(session, watches_shaders)
         finally:
-            session.close()
+            self._session.loader.close()
+            self._session.close()
+
+    def _take_drop(self, _: Any, paths: list[str]) -> None:
+        """Files were dropped on the window: they are opened in the next frame."""
+        self._dropped += [Path(path) for path in paths]
+
+    def _show(self, session: Any) -> None:
+        """From now on this session is in the window."""
+        self._session = session
+        self._window.title = f"{session.heightfield.name} — Reliefscope"
+
+    def _take_orders(self, session: Any) -> Any:
+        """Open what was dropped, change over to what was read, ask before closing; the session to show."""
+        if self._dropped:
+            session.loader.open(session, tuple(self._dropped))
+            self._dropped.clear()
+        if self._window.is_closing:
+            self._window.is_closing = False
+            session.leave()
+        following = session.loader.follow(session)
+        if following is not session:
+            self._show(following)
+        return following
 
     def _loop(self, session: Any, watches_shaders: bool) -> None:
         glfw, gui, handle, screen = self._glfw, self._gui_module, self._window._window, self.gpu.ctx.screen
         last_s, was_focused = time.perf_counter(), False
         looked_s = last_s
-        while not (self._window.is_closing or session.is_leaving):
+        while not session.is_leaving:
             self._take_events(session)
             self._keep_pace(session)
+            session = self._take_orders(session)
             now_s = time.perf_counter()
             focused = bool(glfw.get_window_attrib(handle, glfw.FOCUSED))
             lost_focus, was_focused = was_focused and not focused, focused
@@ -111,6 +152,8 @@ class Window:
                 looked_s = now_s
             if not self._is_hidden:
                 gui.show_picture(session)
+            else:
+                session.exporter.work()
             self._panel.draw(session)
             self.gpu.release_state()
             screen.use()
@@ -120,7 +163,7 @@ class Window:
 
     def _take_events(self, session: Any) -> None:
         """Take in what happened; sleep while nothing changes, lightly for a while after an event (tooltips)."""
-        if not (self._is_hidden or session.is_asleep):
+        if not (session.is_asleep or (self._is_hidden and not session.exporter.is_busy)):
             self._glfw.poll_events()
             return
         begin_s = time.perf_counter()

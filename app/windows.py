@@ -9,8 +9,11 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from app.drawing_window import draw_drawing
+from app.export_window import draw_export
+from app.open_window import draw_open
 from app.preferences_window import draw_preferences
 from app.session import Session
+from app.timeline_window import draw_timeline
 from app.workbench import draw_laboratory
 
 Side = Literal["left", "right", "bottom", "float"]
@@ -48,5 +51,8 @@ class Window(NamedTuple):
 WINDOWS = (
     Window("drawing", "Reliefscope", "panel", "T", draw_drawing, "left", True),
     Window("laboratory", "Laboratory", "laboratory", "L", draw_laboratory, "right", False),
+    Window("timeline", "Timeline", "timeline of the flight", "K", draw_timeline, "bottom", False),
+    Window("open", "Open", "files to open", "Ctrl+O", draw_open, "float", False),
+    Window("export", "Export", "export of films and pictures", "Ctrl+E", draw_export, "float", False),
     Window("preferences", "Preferences", "preferences", "Ctrl+P", draw_preferences, "float", False),
 )

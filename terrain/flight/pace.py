@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from terrain.flight.path import Flight
 
@@ -37,17 +38,17 @@ def flight_time(flight: Flight, pace: Pace, played_s: float) -> float:
     return float(np.interp(share * way[-1], way, times))
 
 
-def played_time(flight: Flight, pace: Pace, time_s: float) -> float:
-    """The inverse of `flight_time`: when a moment of the flight is shown [s]."""
-    duration_s = flight.duration_s
+def played_times(flight: Flight, pace: Pace, times_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """The inverse of `flight_time`: when moments of the flight are shown [s]."""
+    times, duration_s = np.asarray(times_s, np.float64), flight.duration_s
     if pace == "timed" or duration_s <= 0.0:
-        return time_s
-    times, way = flight.way
-    share = float(np.interp(time_s, times, way)) / way[-1] if way[-1] > 0.0 else time_s / duration_s
+        return times
+    at, way = flight.way
+    share = np.interp(times, at, way) / way[-1] if way[-1] > 0.0 else times / duration_s
     if pace == "eased":
         shares = np.linspace(0.0, 1.0, 1025)
-        share = float(np.interp(share, [eased(s) for s in shares.tolist()], shares))
-    return share * duration_s
+        share = np.interp(share, [eased(s) for s in shares.tolist()], shares)
+    return np.asarray(share * duration_s)
 
 
 def eased(share: float) -> float:

@@ -139,18 +139,19 @@ class Flight:
     def way(self) -> tuple[Floats, Floats]:
         """Times (n,) from 0 to the end [s], and the way covered until each: metres, and turns counted as metres."""
         keys = np.r_[0.0, self._track.t]
-        parts = np.linspace(keys[:-1], keys[1:], _WAY_SAMPLES, endpoint=False).T  # (segments, samples)
-        times = np.r_[parts.ravel(), keys[-1]]
-        position, quaternion, _ = self._track.sample(times)
-        step_m, turn_rad = (
-            np.linalg.norm(np.diff(position, axis=0), axis=1),
-            _turns_rad(quaternion[:-1], quaternion[1:]),
-        )
-        is_cut = np.repeat(np.diff(keys) < _CUT_S, _WAY_SAMPLES)
+        times = np.linspace(keys[:-1], keys[1:], _WAY_SAMPLES + 1).T  # (segments, samples)
+        times[:, -1] = np.nextafter(times[:, -1], 0.0)  # before a cut, not after it
+        position, quaternion, _ = self._track.sample(times.ravel())
+        shape = (*times.shape, -1)
+        step_m = np.linalg.norm(np.diff(position.reshape(shape), axis=1), axis=2)
+        quaternion = quaternion.reshape(shape)
+        turn_rad = _turns_rad(quaternion[:, :-1], quaternion[:, 1:])
+        is_cut = np.diff(keys) < _CUT_S
         step_m[is_cut] = turn_rad[is_cut] = 0.0
         mean_m_s = step_m.sum() / max(self.duration_s, _CUT_S)
         weight_m = _TURN_SHARE * mean_m_s if mean_m_s > 0.0 else 1.0
-        return times, np.r_[0.0, np.cumsum(step_m + weight_m * turn_rad)]
+        way = np.r_[0.0, np.cumsum((step_m + weight_m * turn_rad).ravel())]
+        return np.r_[times[:, :-1].ravel(), keys[-1]], way
 
     @cached_property
     def _track(self) -> _Track:

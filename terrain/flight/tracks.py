@@ -151,7 +151,7 @@ def _placed(track: Track, heightfield: Heightfield, path: Path) -> tuple[Floats,
         col, row = place.to_post(a, b)
         x, y, z = col * dx, c * heightfield.exaggeration, row * dz
     width, depth = heightfield.extent_m
-    inside = (x >= 0.0) & (x <= width) & (z >= 0.0) & (z <= depth)
+    inside = (x >= -dx) & (x <= width + dx) & (z >= -dz) & (z <= depth + dz)
     if not inside.any():
         raise InputError(f"{path.name} lies beside {heightfield.name}: no point of it is on this terrain.")
     return x, y, z
