@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from imgui_bundle import imgui, imgui_ctx
@@ -135,7 +136,8 @@ def _draw_help() -> None:
     imgui.push_style_var(imgui.StyleVar_.window_padding, (round(em), round(0.8 * em)))
     flags = _OVERLAY & ~imgui.WindowFlags_.no_scrollbar
     with imgui_ctx.begin("Help", None, flags):
-        columns, share = _fit_help(rows, (size.x - 3.0 * em, size.y - 3.0 * em))
+        work, safe = imgui.get_main_viewport().work_size, imgui.get_style().display_safe_area_padding
+        columns, share = _fit_help(rows, (work.x - 2.0 * safe.x - 3.0 * em, work.y - 2.0 * safe.y - 2.0 * em))
         imgui.push_font(None, share * imgui.get_style().font_size_base)
         _draw_columns(rows, columns)
         imgui.pop_font()
@@ -146,10 +148,10 @@ def _fit_help(rows: Sequence[tuple[str, str]], room: tuple[float, float]) -> tup
     """In how many columns, and at which share of the usual size, all rows fit into a room [px]."""
     em = imgui.get_font_size()
     wide = max(imgui.calc_text_size(key + told).x for key, told in rows) + 6.0 * em
-    high = em + 2.0 * imgui.get_style().cell_padding.y
+    padding = 2.0 * imgui.get_style().cell_padding.y  # does not shrink with the text
     for share in (1.0, 0.9, 0.8, 0.7, 0.6):
         columns = max(1, int(room[0] / (share * wide)))
-        if -(-len(rows) // columns) * high * share <= room[1]:
+        if -(-len(rows) // columns) * (math.ceil(share * em) + padding) <= room[1]:
             break
     return columns, share
 
