@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import moderngl
 import numpy as np
@@ -54,6 +54,9 @@ class MultiresolutionSettings(base.Settings):
         False, "Preview", "Show what there is while the tree of a new terrain and its TINs are built: do not wait.",
         rebuild=True,
     )  # fmt: skip
+
+    def unhurried(self) -> Self:
+        return replace(self, preview=False)
 
 
 class MultiresolutionRenderer:
