@@ -53,6 +53,15 @@ def triple(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def circle(text: str) -> tuple[float, float, float]:
+    """``"1,2,3"`` -> ``(1.0, 2.0, 3.0)``."""
+    try:
+        x, z, radius = (number(part) for part in text.split(","))
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"expected X,Z,RADIUS in metres as in 1200,3400,500, found {text!r}") from None
+    return x, z, radius
+
+
 def number(text: str) -> float:
     """A finite number."""
     try:
@@ -139,6 +148,14 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
         help="GeoJSON or CSV (x,y or lon,lat, then z) of lines that refine the cells they cross; multiresolution draws"
         " them",
     )  # fmt: skip
+    group.add_argument(
+        "--layer", metavar="LAYER", action="append", default=[],
+        help="a layer, as NAME[:blend[:opacity[:place]]]: NAME is slope, aspect, curvature, drainage, cover or an image"
+        " file, or several joined by + as key frames; blend mix, modulate or add; place everywhere, inside or outside"
+        " the lens; as often as needed",
+    )  # fmt: skip
+    group.add_argument("--lens", metavar="X,Z,R", type=circle, help="a lens on the ground: east, south, radius [m]")
+    group.add_argument("--layer-time", metavar="T", type=number, help="the time of layers that are animated")
     group.add_argument(
         "--exaggeration", metavar="K", type=positive, default=1.0, help="factor to the heights, in the picture only"
     )

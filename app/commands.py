@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from app import arguments, laboratory
-from app.opening import close_images, open_images, open_stage, open_terrain, read_drawing
+from app.opening import open_library, open_stage, open_terrain, read_drawing
 from terrain.errors import InputError
 
 DEFAULT_SCENE = "alps"
@@ -67,10 +67,10 @@ def render(args: argparse.Namespace) -> None:
     heightfield = open_terrain(args)
     cameras, times_s = _render_cameras(args, heightfield, is_single)
     gpu = create_offscreen_gpu()
-    images = open_images(drawing, heightfield)
-    stage = open_stage(gpu, heightfield, drawing, images)
-    for image in images:
-        print("\n".join(f"{image.name}: {note}" for note in image.notes))
+    library = open_library(drawing, heightfield)
+    stage = open_stage(gpu, heightfield, drawing, library)
+    for note in library.notes:
+        print(note)
     try:
         if args.out is not None:
             if is_single:
@@ -91,7 +91,7 @@ def render(args: argparse.Namespace) -> None:
             print(message, file=sys.stderr)
     finally:
         stage.release()
-        close_images(images)
+        library.close()
 
 
 def info(args: argparse.Namespace) -> None:
@@ -252,8 +252,8 @@ def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, 
     gpu = create_offscreen_gpu()
     flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
     times_s = flight_times(flight.duration_s, TOUR_FRAMES, TOUR_FPS)
-    images = open_images(drawing, heightfield)
-    stage = open_stage(gpu, heightfield, drawing, images)
+    library = open_library(drawing, heightfield)
+    stage = open_stage(gpu, heightfield, drawing, library)
     folder = numbered_path(Path(f"{heightfield.name}-tour"))
     try:
         with FrameFolder(folder) as frames, Film(folder / "flight.mp4", size_px, TOUR_FPS) as film:
@@ -262,7 +262,7 @@ def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, 
             write_pictures(pictures, len(times_s), [frames, film], "Filming")
     finally:
         stage.release()
-        close_images(images)
+        library.close()
     print(
         f"Wrote {folder / 'flight.mp4'} and {len(times_s)} frames beside it ({heightfield.name}, "
         f"{drawing.algorithm}, {size_px[0]}x{size_px[1]})."

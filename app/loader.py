@@ -174,7 +174,7 @@ class Loader:
             if self._watched is not None:
                 session.preferences.remember_file(self._watched)
         elif loaded.image is not None:
-            session.lay_image(loaded.image, loaded.image_path)
+            session.layers.lay_image(loaded.image, loaded.image_path)
         for path in loaded.flights:
             open_flight(session, path)
         return session
@@ -285,13 +285,13 @@ def _changed_over(old: Session, loaded: Loaded) -> Session:
     from app.session import Session
 
     assert loaded.heightfield is not None
-    images = tuple(old.image_paths) if loaded.is_reload else ()
+    layers = old.layers.stack if loaded.is_reload else old.layers.elsewhere
     exaggeration = old.heightfield.exaggeration if loaded.is_reload else 1.0
-    drawing = Drawing(old.algorithm, old.settings, old.stage.look, old.view, images, exaggeration)
+    drawing = Drawing(old.algorithm, old.settings, old.stage.look, old.view, layers, exaggeration)
     new = Session(old.gpu, loaded.heightfield, drawing, folder=old.folder, preferences=old.preferences)
     new.take_over(old, same_place=loaded.is_reload)
     if loaded.image is not None:
-        new.lay_image(loaded.image, loaded.image_path)
+        new.layers.lay_image(loaded.image, loaded.image_path)
     old.close()
     return new
 

@@ -6,7 +6,6 @@ import argparse
 import difflib
 import hashlib
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -79,7 +78,7 @@ class Drawing:
     settings: Any
     look: Any
     view: Any
-    textures: tuple[Path, ...]
+    layers: Any
     exaggeration: float
     breaklines: Path | None = None
 
@@ -92,6 +91,7 @@ def read_drawing(args: argparse.Namespace) -> Drawing:
     InputError
         If a name is unknown or a value out of range.
     """
+    from app.layers import read_layers
     from terrain.renderers import RENDERERS
     from terrain.textures.look import LookSettings
     from terrain.views import VIEWS
@@ -103,7 +103,8 @@ def read_drawing(args: argparse.Namespace) -> Drawing:
     if args.tolerance is not None:
         tolerance = next(field for field in fields(settings) if field.name == "tolerance_px")
         settings = replace(settings, tolerance_px=read_value(tolerance, str(args.tolerance)))
-    return Drawing(algorithm, settings, look, args.view, tuple(args.texture), args.exaggeration, args.breaklines)
+    layers = read_layers(args.layer, args.texture, args.lens, args.layer_time)
+    return Drawing(algorithm, settings, look, args.view, layers, args.exaggeration, args.breaklines)
 
 
 def default_algorithm() -> str:
@@ -118,36 +119,27 @@ def without_waiting(settings: Any) -> Any:
     return replace(settings, preview=True) if any(f.name == "preview" for f in fields(settings)) else settings
 
 
-def open_images(drawing: Drawing, heightfield: Heightfield) -> list[Any]:
-    """The images to lay on ``heightfield``; whoever opens them closes them, after the stage that shows them.
+def open_library(drawing: Drawing, heightfield: Heightfield) -> Any:
+    """The images of all layers, opened; whoever opens them closes them, after the stage that shows them.
 
     Raises
     ------
     InputError
         If one of them is no image, or lies beside the terrain.
     """
-    if not drawing.textures:
-        return []
-    from terrain.textures.image_source import ImageSource
+    from terrain.textures.library import Library
 
-    images: list[Any] = []
+    library = Library(heightfield)
     try:
-        for path in drawing.textures:
-            images.append(ImageSource(path, heightfield))
+        library.open_all(drawing.layers.following_sources)
     except InputError:
-        close_images(images)
+        library.close()
         raise
-    return images
+    return library
 
 
-def close_images(images: Sequence[Any]) -> None:
-    """Let go of their files and threads."""
-    for image in images:
-        image.close()
-
-
-def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, images: Sequence[Any] = ()) -> Any:
-    """A stage that draws ``heightfield`` as asked, with ``images`` on it.
+def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, library: Any) -> Any:
+    """A stage that draws ``heightfield`` as asked, with layers from ``library``.
 
     Raises
     ------
@@ -168,7 +160,7 @@ def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, images: Seq
         scene = scene.exaggerated(drawing.exaggeration)
     stage = Stage(gpu, scene, drawing.algorithm, drawing.settings, drawing.look)
     try:
-        stage.set_images(images)
+        stage.set_layers(drawing.layers, library.open_all(drawing.layers.following_sources))
     except InputError:
         stage.release()
         raise

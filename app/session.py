@@ -25,8 +25,9 @@ from app.flight_lines import FlightLines
 from app.flights import Flights
 from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
 from app.jobs import Jobs
+from app.layers import Layers
 from app.loader import Loader
-from app.opening import Drawing, close_images, open_images, open_stage, without_waiting
+from app.opening import Drawing, open_library, open_stage, without_waiting
 from app.preferences import PreferenceFile
 from terrain.camera import Camera
 from terrain.errors import InputError, as_sentence
@@ -57,7 +58,7 @@ class Session:
     heightfield : Heightfield
         With true heights; ``drawing`` says how they are exaggerated.
     drawing : Drawing
-        Algorithm, settings, look, view, image.
+        Algorithm, settings, look, view, layers.
     flight : Flight, optional
         What replay plays at first; the terrain's demo flight where there is none.
     folder : Path
@@ -73,15 +74,15 @@ class Session:
         self.gpu, self.folder = gpu, folder
         self.preferences = PreferenceFile() if preferences is None else preferences
         drawing = replace(drawing, settings=without_waiting(drawing.settings))
-        self.image_paths = list(drawing.textures)
-        self._images = open_images(drawing, heightfield)
-        self.stage: Stage = open_stage(gpu, heightfield, drawing, self._images)
+        library = open_library(drawing, heightfield)
+        self.stage: Stage = open_stage(gpu, heightfield, drawing, library)
         self.stage.bake_budget_ms = BAKE_BUDGET_MS
         self.stage.draws_legends = False  # the window has its own
         self.view: Any = drawing.view
         self._settings = {name: without_waiting(kind.Settings()) for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
         flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
+        self.layers = Layers(self, library, drawing.layers)
         self.flights = Flights(self, flight, self.preferences.folder)
         self.camera: Camera = flight.camera_at(0.0)
         self.motion = Motion()
@@ -169,6 +170,7 @@ class Session:
             if self.motion.speed_factor != pace:
                 self.say(f"Speed {self.speed_m_s:,.0f} m/s at this height.")
         self.flights.record()
+        self.layers.advance(dt_s)
         if self.camera != before:
             self.touch()
 
@@ -283,7 +285,7 @@ class Session:
 
     def _make_stage(self, scene: Scene, algorithm: str, settings: Any, look: Any) -> Stage:
         stage = Stage(self.gpu, scene, algorithm, settings, look)
-        stage.set_images(self._images)
+        self.layers.show_on(stage)
         return stage
 
     @contextmanager
@@ -391,21 +393,6 @@ class Session:
             self.camera, self.motion = old.camera, old.motion
             self.say(f"{self.heightfield.name} has changed on disk and was read again.")
 
-    def lay_image(self, image: Any, path: Path) -> None:
-        """Lay an image on the terrain, over those that lie there."""
-        self._images.append(image)
-        try:
-            self.stage.set_images(self._images)
-        except InputError as error:
-            self._images.remove(image)
-            self.stage.set_images(self._images)
-            image.close()
-            self.say(str(error))
-            return
-        self.image_paths.append(path)
-        self.say(" ".join([f"{image.name} lies on the terrain.", *image.notes]))
-        self.touch()
-
     def _save(self, write: Any, done: str) -> None:
         try:
             write()
@@ -423,4 +410,4 @@ class Session:
         if self.picture is not None:
             self.picture.release()
         self.stage.release()
-        close_images(self._images)
+        self.layers.close()

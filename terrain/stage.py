@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import fields, replace
 from typing import Any
@@ -19,9 +19,10 @@ import numpy.typing as npt
 
 from terrain.algorithms.culling import Culler
 from terrain.camera import Camera
+from terrain.errors import InputError
 from terrain.frame import Frame, FrameStats, Output
 from terrain.gpu.context import Gpu
-from terrain.gpu.frame_block import FrameBlock
+from terrain.gpu.frame_block import MOST_LAYERS, FrameBlock, Look
 from terrain.gpu.geometry import Geometry
 from terrain.gpu.lines import Lines
 from terrain.gpu.targets import Kind, Target, create_target
@@ -31,10 +32,11 @@ from terrain.renderers import RENDERERS
 from terrain.renderers.base import Renderer
 from terrain.scene import Scene
 from terrain.textures.ground import Ground
+from terrain.textures.layers import LayerStack, layer_defines, layer_uniforms, plain_stack
 from terrain.textures.look import LookSettings, bake_design, look_uniforms, shading_defines
 from terrain.textures.sky import Sky
 from terrain.textures.tree import TileSource
-from terrain.textures.trees import FIGURES, Trees
+from terrain.textures.trees import FIGURES, TREE_LIMIT, Trees
 from terrain.views import Overlays, View, overdraw_figures
 
 # Views of what a fragment writes; all others draw over the shaded picture.
@@ -66,8 +68,10 @@ class Stage:
     look : LookSettings
     frozen : Frame or None
         The frame for which what is drawn was chosen, while the selection is frozen.
+    layers : LayerStack
+        What lies over the ground.
     trees : Trees
-        The texture trees of what lies on the terrain.
+        The texture trees of its images.
     bake_budget_ms : float
         Time a frame may take to bake light anew after a change; what is not baked yet keeps its old light meanwhile.
         Unlimited at first: every picture is finished.
@@ -81,7 +85,9 @@ class Stage:
         self.frozen: Frame | None = None
         self.draws_legends = True
         self.bake_budget_ms = math.inf
-        self._uniforms = look_uniforms(look, scene.heightfield)
+        self.layers = LayerStack()
+        self._tree_of: dict[str, tuple[int, TileSource]] = {}
+        self._uniforms = self._find_uniforms()
         self._block = FrameBlock(gpu)
         self._ground = Ground(gpu, scene.heightfield)
         terrain = scene.heightfield
@@ -110,7 +116,7 @@ class Stage:
         programs.defines.pop("HOLES", None)
         if self.scene.heightfield.holes is not None:
             programs.defines["HOLES"] = 1
-        programs.shading_defines = shading_defines(self.look, self.trees.count)
+        programs.shading_defines = {**shading_defines(self.look), **layer_defines(self.layers)}
 
     def set_renderer(self, algorithm: str, settings: Any = None) -> None:
         """Switch to an algorithm, or give the current one other settings; it is rebuilt only where it must be.
@@ -136,14 +142,52 @@ class Stage:
         if look.texture_budget_mib != self.look.texture_budget_mib:
             self.trees.set_budget(look.texture_budget_mib << 20)
         self.look = look
-        self._uniforms = look_uniforms(look, self.scene.heightfield)
+        self._uniforms = self._find_uniforms()
+
+    def set_layers(self, layers: LayerStack, sources: Mapping[str, TileSource]) -> None:
+        """Show layers over the ground.
+
+        Parameters
+        ----------
+        layers : LayerStack
+        sources : mapping
+            The image of every name that a layer shown refers to.
+
+        Raises
+        ------
+        InputError
+            If there are more of them, or more images, than can be shown at once; then nothing has changed.
+        """
+        if len(layers.shown) > MOST_LAYERS:
+            raise InputError(f"Expected at most {MOST_LAYERS} layers at once, found {len(layers.shown)}: hide some.")
+        wanted = layers.following_sources
+        if len(wanted) > TREE_LIMIT:
+            wanted = layers.sources
+        if len(wanted) > TREE_LIMIT:
+            raise InputError(f"Expected at most {TREE_LIMIT} images at once, found {len(wanted)}: hide some layers.")
+        for name, (number, source) in list(self._tree_of.items()):
+            if name not in wanted or sources[name] is not source:
+                self.trees.remove(number)
+                del self._tree_of[name]
+        for name in wanted:
+            if name not in self._tree_of:
+                self._tree_of[name] = self.trees.add(sources[name]), sources[name]
+        self.layers = layers
+        self._uniforms = self._find_uniforms()
 
     def set_images(self, sources: Sequence[TileSource]) -> None:
-        """Lay images on the terrain, each over those before it, instead of what lay there."""
-        for number in range(self.trees.count):
-            self.trees.remove(number)
-        for source in sources:
-            self.trees.add(source)
+        """Lay images on the ground, each over those before it, instead of what lay there."""
+        named = {str(number): source for number, source in enumerate(sources)}
+        self.set_layers(plain_stack(list(named)), named)
+
+    def _find_uniforms(self) -> Look:
+        """What of the frame's uniform block look and layers decide."""
+        terrain, lens = self.scene.heightfield, self.layers.lens
+        col, row = (at / step for at, step in zip(lens.centre_m, terrain.spacing_m, strict=True))
+        ground_of_lens = (col + 0.5) / terrain.cols, (row + 0.5) / terrain.rows
+        numbers = {name: number for name, (number, _) in self._tree_of.items()}
+        layers = layer_uniforms(self.layers, numbers, ground_of_lens)
+        return replace(look_uniforms(self.look, terrain), **layers._asdict())
 
     @property
     def is_loading(self) -> bool:
@@ -216,7 +260,7 @@ class Stage:
         """Everything before the first draw call of a frame: switches, state, bakes, selection, uniforms."""
         self._activate()
         self.gpu.prepare_state()
-        self._ground.want_light(self.trees.count > 0)
+        self._ground.want_light(bool(self.layers.layers))
         design = bake_design(self.look)
         self._ground.bake(design, self._uniforms, self._block, frame, self.bake_budget_ms)
         if self.frozen is None and choose:

@@ -15,7 +15,11 @@ layout(std140) uniform Frame {
     vec4 u_horizon;
     vec4 u_contour;        // x: interval [m]; y: every n-th is bold; z: line width [px]; w: exaggeration of heights
     vec4 u_water;          // x: level [m]; y: depth [m] at which water turns opaque
-    vec4 u_image;          // x: opacity of the images that lie on the terrain
+    vec4 u_layer_what[8];  // per layer, lowest first: its tree, the tree of the next key frame, that one's share, and the
+                           // tree of its visibility texture (-1: none)
+    vec4 u_layer_how[8];   // x: opacity; y: blend (lib/layers.glsl); z, w: weight outside and inside the lens
+    vec4 u_lens;           // xy: centre, in coordinates of the ground textures; z: radius [m]; w: width of its rim [m]
+    vec4 u_lens_effect;    // x: how much darker it is outside
 };
 
 // Height of a post relative to the eye [m]; the subtraction is exact where the two are close.

@@ -5,21 +5,8 @@
 
 uniform sampler2D u_ground;  // tint times light; alpha 0 where there is no data
 
-#ifdef IMAGES
-#include "lib/pages.glsl"
-
-uniform sampler2D u_light;  // bake_ground.frag
-const float MOST_LIGHT = 2.0;
-
-// The images, one over the other and all over a colour, lit by the terrain's light.
-vec3 lay_images(vec3 colour, vec2 ground) {
-    vec3 light = MOST_LIGHT * texture(u_light, ground).rgb;
-    for (int tree = 0; tree < IMAGES; tree++) {
-        vec4 image = u_image.x * sample_tree(tree, ground);
-        colour = colour * (1.0 - image.a) + image.rgb * light;
-    }
-    return colour;
-}
+#ifdef LAYERS
+#include "lib/layers.glsl"
 #endif
 
 #ifdef CONTOURS
@@ -43,8 +30,8 @@ vec3 draw_contours(vec3 colour, vec3 position_m) {
 vec4 shade(vec3 position_m, vec2 ground) {
     vec4 baked = texture(u_ground, ground);
     vec3 colour = baked.rgb;
-#ifdef IMAGES
-    colour = lay_images(colour, ground);
+#ifdef LAYERS
+    colour = compose_layers(colour, ground);
 #endif
 #ifdef CONTOURS
     colour = draw_contours(colour, position_m);

@@ -12,6 +12,8 @@ from terrain.gpu.context import Gpu
 from terrain.gpu.programs import FRAME_BINDING
 from terrain.heightfield import Heightfield
 
+MOST_LAYERS = 8  # that show at once; as in shaders/lib/frame.glsl
+
 # Field by field as in the shader; every one is a vec4, so that std140 needs no padding.
 FRAME_DTYPE = np.dtype(
     [
@@ -30,14 +32,17 @@ FRAME_DTYPE = np.dtype(
         ("horizon", np.float32, 4),
         ("contour", np.float32, 4),
         ("water", np.float32, 4),
-        ("image", np.float32, 4),
+        ("layer_what", np.float32, (MOST_LAYERS, 4)),
+        ("layer_how", np.float32, (MOST_LAYERS, 4)),
+        ("lens", np.float32, 4),
+        ("lens_effect", np.float32, 4),
     ]
 )
 
 
 @dataclass(frozen=True)
 class Look:
-    """The part of the block that does not depend on the camera; made by `terrain.textures.look`."""
+    """The part of the block that does not depend on the camera; made by `terrain.textures.look` and `layers`."""
 
     sun: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     sunlight: tuple[float, ...] = (1.8, 1.6, 1.2, 0.0)
@@ -48,7 +53,10 @@ class Look:
     horizon: tuple[float, ...] = (0.8, 0.9, 1.0, 1.0)
     contour: tuple[float, ...] = (1.0, 5.0, 1.0, 1.0)
     water: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
-    image: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    layer_what: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0, 0.0),) * MOST_LAYERS
+    layer_how: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0, 0.0),) * MOST_LAYERS
+    lens: tuple[float, ...] = (0.0, 0.0, 1.0, 1.0)
+    lens_effect: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
 
 class FrameBlock:

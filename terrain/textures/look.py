@@ -50,7 +50,6 @@ class LookSettings:
     )
     water: bool = setting(False, "Water", "A water surface at one height.")
     water_level_m: float = setting(0.0, "Water level", "Height of the water.", unit="m", range=(-500.0, 9000.0))
-    image_opacity: float = setting(1.0, "Image opacity", "How much the images cover.", range=(0.0, 1.0))
     texture_tolerance_px2: float = setting(
         2.0, "Texel size", "Largest area of an image's texel on the screen; smaller is sharper and loads more.",
         unit="px²", range=(0.25, 64.0),
@@ -82,15 +81,14 @@ def automatic_interval_m(relief_m: float) -> float:
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(step * power / wanted)))
 
 
-def shading_defines(look: LookSettings, images: int) -> dict[str, Any]:
-    """Compile-time switches of the shading include, for a number of images on the terrain."""
+def shading_defines(look: LookSettings) -> dict[str, Any]:
+    """Compile-time switches of the shading include."""
     switches = {
         "FOG": look.fog,
         "HEIGHT_FOG": look.fog and look.fog_height_m > 0.0,
         "CONTOURS": look.contours,
-        "IMAGES": images if look.image_opacity > 0.0 else 0,
     }
-    return {name: int(value) for name, value in switches.items() if value}
+    return {name: 1 for name, on in switches.items() if on}
 
 
 def look_uniforms(look: LookSettings, heightfield: Heightfield) -> Look:
@@ -111,7 +109,6 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield) -> Look:
         fog=(VISIBLE_CONTRAST / visibility_m, low, 1.0 / fog_height_m, 0.0),
         contour=(interval_m * heightfield.exaggeration, BOLD_EVERY, 1.0, heightfield.exaggeration),
         water=(look.water_level_m * heightfield.exaggeration, min(0.003 * relief_m, 4.0), 0.0, 0.0),
-        image=(look.image_opacity, 0.0, 0.0, 0.0),
     )
 
 

@@ -8,6 +8,7 @@ has the same slope and no curvature everywhere, up to its last post.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +74,19 @@ def curvature_per_m(shape: Shape) -> Grid:
     p, q, r, s, t = shape.east, shape.south, shape.east_east, shape.east_south, shape.south_south
     steep = 1.0 + p * p + q * q
     return -((1.0 + q * q) * r - 2.0 * p * q * s + (1.0 + p * p) * t) / (2.0 * steep * np.sqrt(steep))
+
+
+def smoothed(heightfield: Heightfield, posts: float) -> Heightfield:
+    """The surface without what is narrower than a few times ``posts``: for shapes larger than its roughness."""
+    from scipy import ndimage
+
+    heights = heightfield.heights_m
+    reach = [min(int(3.0 * posts), size - 1) for size in heights.shape]
+    # Mirrored through its edge a plane goes on straight.
+    padded = np.pad(heights, [(r, r) for r in reach], mode="reflect", reflect_type="odd")
+    padded = ndimage.gaussian_filter(padded, posts, mode="nearest", truncate=3.0)
+    inner = tuple(slice(r, r + size) for r, size in zip(reach, heights.shape, strict=True))
+    return replace(heightfield, heights_m=np.ascontiguousarray(padded[inner]))
 
 
 def drained_area_m2(heightfield: Heightfield, most_posts: int) -> npt.NDArray[np.float64]:

@@ -22,6 +22,7 @@ from terrain.textures.relief import (
     drained_area_m2,
     shapes,
     slope_deg,
+    smoothed,
     standing_water,
 )
 
@@ -30,8 +31,10 @@ Colours = npt.NDArray[np.uint8]
 
 STEPS = 256
 STEEPEST_DEG = 60.0  # from here on slopes share the last colour
+SMOOTHING_POSTS = 1.5  # before curvature is taken: ridges and hollows, not single posts
 FLAT_DEG = 2.0  # below, where a slope faces says nothing
 DRAINAGE_POSTS = 1537  # per side at most: where drainage is found; a layer's texels stay below a kilometre anywhere
+LEAST_SPRING_CELLS = 30.0  # drain into a river before it shows
 LEAST_RELIEF_M = 1200.0  # low hills wear no snow: as in the palette of elevation tints
 
 
@@ -79,11 +82,16 @@ class Theme:
 
 
 class ThemeKind(NamedTuple):
-    """What a theme is called, one sentence about it, and how it is made."""
+    """What a theme is called, one sentence about it, how it is made, and its largest width and height in texels."""
 
     title: str
     help: str
     make: Callable[[Heightfield], tuple[Pixels, Legend]]
+    most_texels: int = 1 << 30
+
+    def size_px(self, heightfield: Heightfield) -> tuple[int, int]:
+        """(width, height) of the raster."""
+        return min(heightfield.cols, self.most_texels), min(heightfield.rows, self.most_texels)
 
 
 def make_theme(name: str, heightfield: Heightfield) -> Theme:
@@ -125,9 +133,7 @@ def _make_aspect(heightfield: Heightfield) -> tuple[Pixels, Legend]:
 
 def _make_curvature(heightfield: Heightfield) -> tuple[Pixels, Legend]:
     ramp = _ramp("#12406b", "#3f86b8", "#a9cfe2", "#f4f2ec", "#ecc08c", "#bf7426", "#6b3606")
-    bends = np.empty(heightfield.heights_m.shape, np.float32)
-    for rows, shape in shapes(heightfield):
-        bends[rows] = curvature_per_m(shape)
+    bends = _curvature(heightfield)
     known = bends[::4, ::4] if heightfield.holes is None else bends[~heightfield.holes][::16]
     strongest = 1e3 * float(np.percentile(np.abs(known), 98.0)) if known.size else 0.0
     limit_per_km = _round_up(strongest)
@@ -136,16 +142,24 @@ def _make_curvature(heightfield: Heightfield) -> tuple[Pixels, Legend]:
     return _cut_holes(pixels, heightfield), _ramp_legend("Curvature", "1/km", ramp, labels)
 
 
+def _curvature(heightfield: Heightfield) -> npt.NDArray[np.float32]:
+    """Mean curvature [1/m] of what is larger than the roughness of single posts."""
+    bends = np.empty(heightfield.heights_m.shape, np.float32)
+    for rows, shape in shapes(smoothed(heightfield, SMOOTHING_POSTS)):
+        bends[rows] = curvature_per_m(shape)
+    return bends
+
+
 def _make_drainage(heightfield: Heightfield) -> tuple[Pixels, Legend]:
     """Rivers over clear ground: the smallest areas are transparent, so that the layer lies over any other."""
     ramp = _ramp("#d9ecf5", "#8fc3e0", "#4a8fca", "#23559f", "#131f5c")
     area = drained_area_m2(heightfield, DRAINAGE_POSTS)
     cell_m2 = heightfield.spacing_m[0] * heightfield.spacing_m[1] * heightfield.heights_m.size / area.size
-    low = math.floor(math.log10(10.0 * cell_m2))
+    low = math.ceil(math.log10(LEAST_SPRING_CELLS * cell_m2))
     high = max(math.ceil(math.log10(max(float(area.max()), 1.0))), low + 2)
     share = (np.log10(np.maximum(area, 1e-3)) - low) / (high - low)
     pixels = _shade(ramp, share)
-    pixels[..., 3] = np.clip(share * 4.0, 0.0, 1.0) * 255.0
+    pixels[..., 3] = np.clip(0.35 + share * 2.5, 0.0, 1.0) * (share > 0.0) * 255.0
     pixels[area <= 0.0] = 0
     labels = [_area_label(10.0**power) for power in range(low, high + 1)]
     labels = [label if i % math.ceil(len(labels) / 5) == 0 else "" for i, label in enumerate(labels)]
@@ -163,11 +177,12 @@ def _make_cover(heightfield: Heightfield) -> tuple[Pixels, Legend]:
     low_m, high_m = (height / heightfield.exaggeration for height in heightfield.height_range_m)
     span_m = max(high_m - low_m, LEAST_RELIEF_M)
     pixels, table, water = _blank(heightfield), _table(_COVERS), standing_water(heightfield)
+    bends = _curvature(heightfield)
     for rows, shape in shapes(heightfield):
         steep, share = slope_deg(shape), heightfield.heights_m[rows] / np.float32(heightfield.exaggeration)
         share = (share - low_m) / span_m
         # Hollows hold soil and snow, ridges are bare: a bend as strong as one over 200 m counts as 5 % of the height.
-        bare = np.clip(curvature_per_m(shape) * 10.0, -0.05, 0.05)
+        bare = np.clip(bends[rows] * 10.0, -0.05, 0.05)
         cover = np.full(share.shape, 1, np.uint8)
         cover[(share + bare > 0.06) & (share + bare < 0.52) & (steep > 8.0)] = 2
         cover[(share + bare > 0.64) | (steep > 33.0)] = 3
@@ -182,7 +197,9 @@ THEMES: Mapping[str, ThemeKind] = {
     "slope": ThemeKind("Slope", "How steep the ground is.", _make_slope),
     "aspect": ThemeKind("Aspect", "Where the ground faces.", _make_aspect),
     "curvature": ThemeKind("Curvature", "Where ground bulges out or bends in.", _make_curvature),
-    "drainage": ThemeKind("Flow accumulation", "The area whose water passes through: rivers.", _make_drainage),
+    "drainage": ThemeKind(
+        "Flow accumulation", "The area whose water passes through: rivers.", _make_drainage, DRAINAGE_POSTS
+    ),
     "cover": ThemeKind("Land cover", "Water, meadow, forest, scree, rock and snow, by rule.", _make_cover),
 }
 

@@ -11,6 +11,7 @@ from terrain.camera import Camera
 from terrain.gpu.context import create_offscreen_gpu
 from terrain.heightfield import Heightfield
 from terrain.renderers import RENDERERS
+from terrain.textures.layers import LayerStack
 from terrain.textures.look import LookSettings
 
 
@@ -39,7 +40,7 @@ def hills():
 @pytest.fixture
 def session(app_gpu, hills, tmp_path):
     algorithm = default_algorithm()
-    drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", (), 1.0)
+    drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", LayerStack(), 1.0)
     with app_gpu.ctx:  # commands under test make contexts of their own, which then are current
         session = Session(app_gpu, hills, drawing, folder=tmp_path)
         session.camera = Camera((52.0, 22.0, 282.0), yaw_deg=25.0, pitch_deg=-11.0)  # across the hills

@@ -91,9 +91,9 @@ def test_automatic_contours_are_round_and_neither_few_nor_many(relief_m):
 
 
 def test_what_is_off_is_not_compiled():
-    assert shading_defines(replace(CLEAR, contours=False), 0) == {}
-    assert shading_defines(LookSettings(fog=True, contours=True), 0) == {"FOG": 1, "CONTOURS": 1}
-    assert shading_defines(LookSettings(fog_height_m=300.0), 0) == {"FOG": 1, "HEIGHT_FOG": 1}
+    assert shading_defines(replace(CLEAR, contours=False)) == {}
+    assert shading_defines(LookSettings(fog=True, contours=True)) == {"FOG": 1, "CONTOURS": 1}
+    assert shading_defines(LookSettings(fog_height_m=300.0)) == {"FOG": 1, "HEIGHT_FOG": 1}
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(305.0, 34.0), (90.0, 3.0), (200.0, 89.0), (0.0, 90.0)])

@@ -289,5 +289,5 @@ def test_the_same_picture_twice(staged):
 def test_no_more_images_than_the_shaders_know_are_taken(staged):
     terrain = flat()
     sources = [ArraySource(str(i), np.zeros((4, 4, 3), np.uint8), whole_extent(terrain)) for i in range(17)]
-    with pytest.raises(InputError, match="at most 16"):
+    with pytest.raises(InputError, match="at most 8 layers"):
         staged(*sources, terrain=terrain)
