@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from app.pacing import Pacer
+from app.preferences import PreferenceFile
+from app.viewer import Window
 
 
 class Clock:
@@ -45,3 +49,34 @@ def test_after_a_long_frame_the_pace_goes_on_instead_of_catching_up():
     pacer.wait(50)
     pacer.wait(50)
     assert clock.now_s - before_s >= 0.019
+
+
+def test_the_window_keeps_the_pace_and_the_sync_that_were_chosen():
+    said = []
+    window = SimpleNamespace(
+        _has_vsync=None,
+        _glfw=SimpleNamespace(swap_interval=lambda frames: said.append(("sync", frames))),
+        _pacer=SimpleNamespace(wait=lambda limit_fps: said.append(("limit", limit_fps))),
+    )
+    preferences = PreferenceFile()
+    session = SimpleNamespace(preferences=preferences)
+    Window._keep_pace(window, session)
+    Window._keep_pace(window, session)
+    preferences.change(vsync=False, frame_limit_fps=30)
+    Window._keep_pace(window, session)
+    assert said == [("sync", 1), ("limit", 60), ("limit", 60), ("sync", 0), ("limit", 30)]
+
+
+@pytest.mark.parametrize(("asleep", "expected"), [(True, "wait"), (False, "poll")])
+def test_the_window_sleeps_while_nothing_changes(asleep, expected):
+    done = []
+    window = SimpleNamespace(
+        _is_hidden=False,
+        _awake_until_s=0.0,
+        _glfw=SimpleNamespace(
+            poll_events=lambda: done.append("poll"), wait_events_timeout=lambda seconds: done.append("wait")
+        ),
+    )
+    Window._take_events(window, SimpleNamespace(is_asleep=asleep))
+    assert done == [expected]
+    assert (window._awake_until_s > 0.0) == asleep, "after an event it sleeps lightly for a while"

@@ -14,6 +14,7 @@ from app.keys import bindings
 from app.menu import MENUS
 from app.panel import help_rows, status_lines
 from app.preferences import PreferenceFile, Preferences
+from app.theme import apply_theme
 from app.windows import WINDOWS
 
 pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
@@ -222,6 +223,17 @@ def test_theme_and_scale_are_chosen_and_kept(ui):
 
     ui.run(steps)
     assert PreferenceFile(session.preferences.folder).current.theme == "light"
+
+
+def test_spaces_grow_with_the_scale_and_the_screen_and_shrink_again(ui):
+    def padding(scale, dpi_scale):
+        apply_theme(Preferences(ui_scale=scale), dpi_scale)
+        style = imgui.get_style()
+        return style.frame_padding.x, style.scrollbar_size, style.font_scale_main
+
+    once = padding(1.0, 1.0)
+    assert padding(1.5, 2.0) == pytest.approx((3.0 * once[0], 3.0 * once[1], 1.5), abs=1.0)
+    assert padding(1.0, 1.0) == once
 
 
 def test_every_preference_has_a_widget_that_changes_it(ui):
