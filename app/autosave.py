@@ -70,6 +70,10 @@ class Journal:
                 self._file.close()
             self._file = None
 
+    def leave(self) -> None:
+        """The recording could not be saved: the next program will find it."""
+        self._close()
+
     def discard(self) -> None:
         """The recording is saved: the journal is no longer needed."""
         if self._file is not None:

@@ -177,6 +177,8 @@ class Flights:
         if self._save_to(path):
             journal.discard()
             self._session.say(f"Saved the flight as {path}; P plays it.")
+        else:
+            journal.leave()
 
     def recover(self) -> None:
         """Save what programs that died have left, each under a new name."""

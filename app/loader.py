@@ -11,6 +11,7 @@ import contextvars
 import os
 import threading
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -269,13 +270,16 @@ def _is_picture(path: Path) -> bool:
     if suffix not in (".png", ".tif", ".tiff"):
         return False
     import rasterio
+    from rasterio.errors import NotGeoreferencedWarning
 
     try:
-        with rasterio.open(os.path.abspath(path)) as file:
-            if file.count < 3 or file.dtypes[0] != "uint8":
-                return False
-            shape = (3, min(file.height, _SAMPLED_TEXELS), min(file.width, _SAMPLED_TEXELS))
-            return detect(*file.read([1, 2, 3], out_shape=shape)) is None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(os.path.abspath(path)) as file:
+                if file.count < 3 or file.dtypes[0] != "uint8":
+                    return False
+                shape = (3, min(file.height, _SAMPLED_TEXELS), min(file.width, _SAMPLED_TEXELS))
+                return detect(*file.read([1, 2, 3], out_shape=shape)) is None
     except rasterio.errors.RasterioError:
         return False
 

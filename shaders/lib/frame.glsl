@@ -6,6 +6,7 @@ layout(std140) uniform Frame {
     vec4 u_grid;           // xy: cols, rows; zw: post spacing dx, dz [m]
     vec4 u_viewport;       // xy: size [px]; zw: 1 / size
     vec4 u_ray[3];         // sight ray through the lower left corner, then its change across and up the picture (w: squared)
+    vec4 u_axis;           // xy: where the sight line meets the picture, 0..1: in its middle, unless it is a tile
     vec4 u_sun;            // xyz: unit vector to the sun
     vec4 u_sunlight;       // rgb: light of the sun on a surface that faces it, linear
     vec4 u_sky_light;      // rgb: light of the whole sky, linear
@@ -51,6 +52,6 @@ vec3 sight_ray(vec2 screen) {
 
 // Length of that ray.
 float sight_length(vec2 screen) {
-    vec2 off = screen - 0.5;
+    vec2 off = screen - u_axis.xy;
     return sqrt(1.0 + dot(off * off, vec2(u_ray[1].w, u_ray[2].w)));
 }

@@ -23,6 +23,7 @@ FRAME_DTYPE = np.dtype(
         ("grid", np.float32, 4),
         ("viewport", np.float32, 4),
         ("ray", np.float32, (3, 4)),
+        ("axis", np.float32, 4),
         ("sun", np.float32, 4),
         ("sunlight", np.float32, 4),
         ("sky_light", np.float32, 4),
@@ -92,6 +93,7 @@ def pack_frame(frame: Frame, heightfield: Heightfield, look: Look) -> np.ndarray
     corner *= np.tan(np.radians(frame.camera.fov_deg) / 2) * np.array([frame.aspect, 1.0])
     view = np.concatenate([corner, -np.ones((3, 1))], axis=1) @ frame.camera.view_from_eye()
     block["ray"][:, :3] = view[0], view[1] - view[0], view[2] - view[0]  # lower left, then across, then up
+    block["axis"][:2] = -frame.corners[0] / (frame.corners[1] - frame.corners[0])
     block["ray"][1:, 3] = np.square(block["ray"][1:, :3]).sum(axis=1)
     for field in fields(look):
         block[field.name] = getattr(look, field.name)
