@@ -85,8 +85,20 @@ def _draw_window(session: Session, window: Window) -> None:
     with imgui_ctx.begin(window.title, True, imgui.WindowFlags_.no_focus_on_appearing) as shown:
         if shown.expanded:
             window.draw(session)
+    if session.raised_window == window.name:
+        session.raised_window = ""
+        _raise_tab(window.title)
     if not shown.opened:
         session.show_window(window.name, False)
+
+
+def _raise_tab(title: str) -> None:
+    """Show a docked window before those that share its place; the keyboard stays where it is."""
+    found = imgui.internal.find_window_by_name(title)
+    if found is not None and found.dock_node is not None:
+        found.dock_node.selected_tab_id = found.tab_id
+        if found.dock_node.tab_bar is not None:
+            found.dock_node.tab_bar.next_selected_tab_id = found.tab_id
 
 
 def _build_layout() -> None:

@@ -114,7 +114,7 @@ def figures(session: Session) -> list[tuple[str, str]]:
         *((name, f"{value:,.4g}" if value < 1e6 else f"{value:,.0f}") for name, value in stats.extra.items()),
         ("eye", f"{x:,.0f} E  {z:,.0f} S  {y:,.0f} m"),
         ("above ground", f"{session.height_above_ground_m:,.1f} m"),
-        ("speed", f"{session.speed_m_s:,.1f} m/s"),
+        ("speed", f"{session.navigation.speed_m_s:,.1f} m/s"),
     ]
     return [(name, value) for name, value in rows if value is not None]
 

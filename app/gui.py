@@ -7,17 +7,20 @@ panel never reach the camera, and ImGui lets go of every key when the window los
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from typing import Any
 
 from imgui_bundle import imgui, implot
 
-from app.controls import Inputs
-from app.keys import HELD, bindings
+from app.controls import Button, Inputs
+from app.keys import HELD, LOOKED, bindings
 from app.preferences import PreferenceFile
 from app.session import Session
 from app.theme import apply_theme, load_font
 
 CTRL = "Ctrl+"
+ARROWS = ("Left", "Right", "Up", "Down")
+BUTTONS: tuple[Button, ...] = ("left", "right", "middle")
 
 
 def create_context(preferences: PreferenceFile) -> None:
@@ -74,18 +77,24 @@ class Gui:
 def read_inputs(focused: bool = True) -> Inputs:
     """What the hands do to the camera in this frame; nothing while they use the panel."""
     io = imgui.get_io()
-    held = dict.fromkeys(HELD, 0.0)
-    fast = False
+    inputs = Inputs(focused=focused)
     if not io.want_text_input and not io.key_ctrl:
-        held = {name: _down(plus) - _down(minus) for name, (plus, minus, _) in HELD.items()}
-        fast = io.key_shift
-    look, wheel = (0.0, 0.0), 0.0
-    if not io.want_capture_mouse:
-        wheel = io.mouse_wheel
-        # Not in the frame of the click itself, whose travel led to where the drag begins.
-        if any(imgui.is_mouse_down(button) and not imgui.is_mouse_clicked(button) for button in (0, 1, 2)):
-            look = (io.mouse_delta.x, io.mouse_delta.y)
-    return Inputs(**held, fast=fast, look_px=look, wheel=wheel, focused=focused)
+        held = dict(HELD) if io.nav_active else HELD | LOOKED  # arrow keys first serve a window that has the focus
+        pushed = {name: _down(plus) - _down(minus) for name, (plus, minus, _) in held.items()}
+        inputs = replace(inputs, fast=io.key_shift, **pushed)  # type: ignore[arg-type]
+    if io.want_capture_mouse or not imgui.is_mouse_pos_valid():
+        return inputs
+    pointer = (io.mouse_pos.x / max(io.display_size.x, 1.0), io.mouse_pos.y / max(io.display_size.y, 1.0))
+    inputs = replace(inputs, pointer=pointer, wheel=io.mouse_wheel, double_clicked=imgui.is_mouse_double_clicked(0))
+    if imgui.is_mouse_released(0) and not io.mouse_down_owned[0]:
+        stayed = io.mouse_drag_max_distance_sqr[0] < io.mouse_drag_threshold**2
+        inputs = replace(inputs, clicked=bool(stayed and io.mouse_clicked_last_count[0] == 1))
+    for number, button in enumerate(BUTTONS):
+        if imgui.is_mouse_down(number):
+            # No travel in the frame of the click itself: that led to where the drag begins.
+            travel = (0.0, 0.0) if imgui.is_mouse_clicked(number) else (io.mouse_delta.x, io.mouse_delta.y)
+            return replace(inputs, button=button, look_px=travel)
+    return inputs
 
 
 def press_keys(session: Session) -> None:
@@ -100,8 +109,9 @@ def press_keys(session: Session) -> None:
 
 
 def key_named(name: str) -> imgui.Key:
-    """ImGui's key of a name as in the help: ``"F12"``, ``"0"``, ``"Home"``."""
-    key: imgui.Key = getattr(imgui.Key, f"_{name}" if name.isdigit() else name.lower())
+    """ImGui's key of a name as in the help: ``"F12"``, ``"0"``, ``"Home"``, ``"Left"``."""
+    name = f"_{name}" if name.isdigit() else f"{name}_arrow" if name in ARROWS else name
+    key: imgui.Key = getattr(imgui.Key, name.lower())
     return key
 
 

@@ -37,14 +37,22 @@ class Binding(NamedTuple):
 
 # Held keys: (positive, negative, what they do); see app.controls.Inputs.
 HELD = {
-    "forward": ("W", "S", "fly forwards, backwards"),
-    "right": ("D", "A", "fly right, left"),
-    "up": ("E", "Q", "fly up, down"),
+    "forward": ("W", "S", "forwards, backwards"),
+    "right": ("D", "A", "right, left"),
+    "up": ("E", "Q", "up, down"),
+}
+# The same, where no window has the keyboard.
+LOOKED = {
+    "turn": ("Right", "Left", "look right, left (orbit: move)"),
+    "tilt": ("Up", "Down", "look up, down (orbit: move)"),
 }
 FAST = "Shift"
 MOUSE_HELP = (
-    ("drag", "look around"),
-    ("wheel", "fly faster, slower"),
+    ("drag", "look around; orbit: turn"),
+    ("right drag", "orbit: move the view"),
+    ("wheel", "speed; orbit: zoom to the point"),
+    ("click", "pick a point of the ground"),
+    ("double-click", "fly there"),
     ("Ctrl+click", "type a number into a slider"),
 )
 KEYBOARD_HELP = (
@@ -58,14 +66,23 @@ _ACTS = (
     Binding("", "read the terrain's file again", lambda session: session.loader.reload(session), "File"),
     Binding("F12", "save the picture as PNG", Session.take_screenshot, "File"),
     Binding("Ctrl+Q", "leave", Session.leave, "File"),
-    Binding("F", "freeze the selection, fly on and look at it", Session.toggle_freeze, "View",
+    Binding("F", "freeze the selection to look at it", Session.toggle_freeze, "View",
             lambda session: session.stage.frozen is not None),
-    Binding("Home", "frame the whole terrain", Session.frame_all, "View"),
-    Binding("R", "record the flight you fly; again: save it", lambda session: session.flights.toggle_recording(),
+    Binding("Home", "frame the whole terrain", Session.frame_all, "Camera"),
+    Binding("C", "fly, orbit or walk: the next", lambda session: session.navigation.next_mode(), "Camera"),
+    Binding("X", "let the ground stop you, or not", lambda session: session.navigation.toggle_collision(), "Camera",
+            lambda session: session.navigation.collides),
+    Binding("J", "fly to the picked point", lambda session: session.survey.fly_to_point(), "Camera"),
+    Binding("B", "keep the view as a bookmark", lambda session: session.places.keep_view(), "Camera"),
+    Binding("N", "fly to the next bookmark", lambda session: session.places.visit_next(), "Camera"),
+    Binding("I", "pick the middle of the picture", lambda session: session.survey.pick_middle(), "Camera"),
+    Binding("M", "measure between two points", lambda session: session.survey.toggle_measuring(), "Camera",
+            lambda session: session.survey.is_measuring),
+    Binding("R", "record the flight; again: save it", lambda session: session.flights.toggle_recording(),
             "Flight", lambda session: session.flights.recorder is not None),
     Binding("P", "play the flight, or pause", lambda session: session.flights.toggle_playing(), "Flight",
             lambda session: session.flights.is_playing),
-    Binding("Insert", "make the view a keyframe at the playhead", lambda session: session.flights.add_keyframe(),
+    Binding("Insert", "add a keyframe at the playhead", lambda session: session.flights.add_keyframe(),
             "Flight"),
     Binding("U", "give the selected keyframe the view", lambda session: session.flights.update_keyframe(), "Flight"),
     Binding("Delete", "delete the selected keyframe", lambda session: session.flights.delete_keyframe(), "Flight"),
@@ -75,11 +92,11 @@ _ACTS = (
     Binding("Ctrl+Y", "do it again", lambda session: session.flights.redo(), "Flight"),
     Binding("Ctrl+S", "save the flight", lambda session: session.flights.save(), "Flight"),
     Binding("", "save the flight as KML, for Google Earth", lambda session: session.flights.save_kml(), "Flight"),
-    Binding("Ctrl+T", "hide all windows, or show them again", Session.toggle_windows, "Windows",
+    Binding("Ctrl+T", "hide or show all windows", Session.toggle_windows, "Windows",
             lambda session: not session.shows_windows),
     Binding("", "bring all windows back to their places", Session.reset_layout, "Windows"),
     Binding("H", "show or hide this help", Session.toggle_help, "Help", lambda session: session.shows_help),
-    Binding("Escape", "close the help, pause the flight, stop what runs", Session.escape, "Help"),
+    Binding("Escape", "close, pause or stop what is on", Session.escape, "Help"),
 )  # fmt: skip
 
 

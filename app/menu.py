@@ -8,7 +8,7 @@ from app.keys import bindings
 from app.session import Session
 from app.windows import WINDOWS
 
-MENUS = ("File", "Algorithm", "View", "Flight", "Windows", "Help")
+MENUS = ("File", "Algorithm", "View", "Camera", "Flight", "Windows", "Help")
 
 
 def draw_menu(session: Session) -> None:

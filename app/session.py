@@ -17,18 +17,21 @@ from typing import Any
 from app.browser import Browser
 from app.capture import save_png
 from app.comparison import Comparison
-from app.controls import Inputs, Motion, move, speed_m_s
+from app.controls import Inputs, Motion
 from app.dialogs import Dialogs
 from app.experiments import Experiments
 from app.exporter import Exporter
 from app.flight_lines import FlightLines
 from app.flights import Flights
-from app.framing import clearance_above, frame_terrain, ground_m, least_clearance_m
+from app.framing import frame_terrain, ground_m
 from app.jobs import Jobs
 from app.layers import Layers
 from app.loader import Loader
+from app.navigation import Navigation
 from app.opening import Drawing, open_library, open_stage, without_waiting
+from app.places import Places
 from app.preferences import PreferenceFile
+from app.survey import Survey
 from terrain.camera import Camera
 from terrain.errors import InputError, as_sentence
 from terrain.flight import Flight, demo_flight, numbered_path
@@ -86,6 +89,8 @@ class Session:
         self.flights = Flights(self, flight, self.preferences.folder)
         self.camera: Camera = flight.camera_at(0.0)
         self.motion = Motion()
+        self.navigation, self.survey = Navigation(self), Survey(self)
+        self.places = Places(self, heightfield, self.preferences.folder)
         self.stats = FrameStats()
         self.frame_ms: deque[float] = deque(maxlen=GRAPH_FRAMES)
         self.picture: Target | None = None
@@ -94,7 +99,7 @@ class Session:
         self.shows_help = False
         self.shows_windows = True
         self.open_windows = dict(self.preferences.current.open_windows)
-        self.wants_first_layout = False
+        self.wants_first_layout, self.raised_window = False, ""
         self.comparison = Comparison()
         self.experiments = Experiments(self)
         self.exporter = Exporter(self)
@@ -129,7 +134,8 @@ class Session:
     @property
     def is_still(self) -> bool:
         """Whether the picture stays as it is until somebody does something."""
-        busy = self.flights.recorder is not None or self.flights.is_playing or self.stage.is_loading
+        busy = self.flights.recorder is not None or self.flights.is_playing or self.navigation.is_moving
+        busy = busy or self.stage.is_loading
         return not busy and self.motion.at_rest and self.clock_s - self._changed_s > SETTLE_S
 
     @property
@@ -141,11 +147,6 @@ class Session:
     def height_above_ground_m(self) -> float:
         x, y, z = self.camera.position_m
         return y - ground_m(self.heightfield, x, z)
-
-    @property
-    def speed_m_s(self) -> float:
-        least = least_clearance_m(self.heightfield)
-        return speed_m_s(self.height_above_ground_m, least, self.motion.speed_factor)
 
     def say(self, text: str) -> None:
         """Show a line for a while."""
@@ -161,14 +162,10 @@ class Session:
         """Let ``dt_s`` seconds pass: fly with the hands, or along the replayed flight."""
         self.clock_s += dt_s
         before = self.camera
+        inputs = self.survey.take(inputs)
         self.flights.advance(inputs, dt_s)
         if not self.flights.is_playing:
-            terrain = self.heightfield
-            clearance, least = clearance_above(terrain), least_clearance_m(terrain)
-            pace = self.motion.speed_factor
-            self.camera, self.motion = move(self.camera, self.motion, inputs, dt_s, clearance, least)
-            if self.motion.speed_factor != pace:
-                self.say(f"Speed {self.speed_m_s:,.0f} m/s at this height.")
+            self.navigation.advance(inputs, dt_s)
         self.flights.record()
         self.layers.advance(dt_s)
         if self.camera != before:
@@ -176,8 +173,8 @@ class Session:
 
     def look_from(self, camera: Camera) -> None:
         """Take a place of its own choice, at rest."""
+        self.navigation.hand_over()
         self.camera = camera
-        self.motion = replace(self.motion, velocity=(0.0, 0.0, 0.0))
         self.touch()
 
     def draw(self, size_px: tuple[int, int]) -> Target | None:
@@ -206,6 +203,7 @@ class Session:
             return
         if self.is_open("timeline"):
             self._flight_lines.draw(self.stage, frame, self.flights.flight, self.flights.timeline.selected)
+        self.survey.draw(frame, self.stage.lines)
         for message in self.stage.trees.take_messages():
             self.say(message)
         if self.gpu.is_software:
@@ -340,6 +338,8 @@ class Session:
         """Open or close a window, also in the next run."""
         self.shows_windows = True
         self.open_windows[name] = is_open
+        if is_open:
+            self.raised_window = name
         self.preferences.change(open_windows=dict(self.open_windows))
 
     def toggle_window(self, name: str) -> None:
@@ -375,8 +375,8 @@ class Session:
             self.shows_help = False
         elif self.flights.is_playing:
             self.flights.pause("Paused; P plays on.")
-        else:
-            self.jobs.stop_newest()
+        elif not self.jobs.stop_newest():
+            self.survey.dismiss()
 
     def leave(self) -> None:
         """Ask the window to close; edits that are not saved are asked about first."""
@@ -389,7 +389,10 @@ class Session:
         """Go on as another session was set; with ``same_place`` also where it was, with its flight."""
         self.shows_windows, self.browser = old.shows_windows, old.browser
         self.flights.take_over(old.flights, same_place)
+        self.navigation.take_over(old.navigation)
         if same_place:
+            self.survey.take_over(old.survey)
+            self.places.bookmarks.take_over(old.places.bookmarks)
             self.camera, self.motion = old.camera, old.motion
             self.say(f"{self.heightfield.name} has changed on disk and was read again.")
 

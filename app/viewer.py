@@ -48,12 +48,13 @@ class Window:
             raise WindowError("There is no display for a window (neither DISPLAY nor WAYLAND_DISPLAY is set).")
         try:
             # ImGui first: it brings the GLFW that both then share.
-            from app import gui, panel  # isort: skip
+            from app import gamepad, gui, panel  # isort: skip
             import glfw
             from moderngl_window.context.glfw.window import Window as GlfwWindow
         except (ImportError, OSError) as error:
             raise WindowError(explain_no_window(str(error))) from None
         self._glfw, self._gui_module, self._panel = glfw, gui, panel.Panel()
+        self._gamepad = gamepad.Gamepad(glfw)
         with warnings.catch_warnings(record=True) as heard:  # GLFW's reasons arrive as warnings
             warnings.simplefilter("always")
             try:
@@ -145,7 +146,8 @@ class Window:
 
             self._gui.begin()
             gui.press_keys(session)
-            session.advance(gui.read_inputs(focused=not lost_focus), now_s - last_s)
+            inputs = gui.read_inputs(focused=not lost_focus)
+            session.advance(self._gamepad.take(session, inputs) if focused else inputs, now_s - last_s)
             last_s = now_s
             if watches_shaders and now_s - looked_s > LOOK_AT_SHADERS_S:
                 session.reload_shaders()
@@ -167,7 +169,8 @@ class Window:
             self._glfw.poll_events()
             return
         begin_s = time.perf_counter()
-        wait_s = AWAKE_WAIT_S if begin_s < self._awake_until_s and not self._is_hidden else ASLEEP_WAIT_S
+        is_awake = begin_s < self._awake_until_s or self._gamepad.pad is not None  # which wakes nobody by itself
+        wait_s = AWAKE_WAIT_S if is_awake and not self._is_hidden else ASLEEP_WAIT_S
         self._glfw.wait_events_timeout(wait_s)
         end_s = time.perf_counter()
         if end_s - begin_s < 0.9 * wait_s:

@@ -117,7 +117,7 @@ def test_all_windows_are_hidden_and_come_back(ui):
 
 
 def test_the_help_lists_every_key_and_fits_into_the_window(ui):
-    rows = help_rows()
+    rows = help_rows(ui.session)
     assert {binding.key for binding in bindings() if binding.key} <= {key for key, _ in rows}
 
     def steps(ctx):
