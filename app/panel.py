@@ -69,6 +69,8 @@ def status_lines(session: Session) -> list[str]:
         lines.append("Recording: R stops and saves.")
     if session.flights.is_playing:
         lines.append(f"Playing {session.flights.time_s:.1f} of {session.flights.duration_s:.1f} s: P pauses.")
+    if unfinished := session.stage.unfinished:
+        lines.append(f"{', '.join(unfinished).capitalize()} while you fly.")
     if session.stage.frozen is not None:
         lines.append("Selection frozen: fly on and look at it, F lets it go.")
     if session.message:

@@ -151,7 +151,7 @@ def save_chart(results: dict[str, Any], path: Path) -> None:
     packed = io.BytesIO()
     draw_chart(results).savefig(packed, dpi=CHART_DPI, format="png")
     with Image.open(packed) as image, replacing(path, overwrite=True) as temporary:
-        image.convert("RGB").quantize(128).save(temporary, "PNG")
+        image.convert("RGB").quantize(128).save(temporary, "PNG", optimize=True)
 
 
 def open_session(gpu: Gpu, terrain: str) -> Session:

@@ -191,8 +191,18 @@ class Stage:
 
     @property
     def is_loading(self) -> bool:
-        """Whether the next picture will be another though nothing moves: something is being read, built or baked."""
-        return self.trees.is_loading or not self._ground.is_done or self.renderer.stats.pending
+        """Whether the next picture will be another though nothing moves."""
+        return bool(self.unfinished)
+
+    @property
+    def unfinished(self) -> list[str]:
+        """What is still made ready while frames are drawn, in words."""
+        parts = {
+            "reading images": self.trees.is_loading,
+            "baking light": not self._ground.is_done,
+            "refining patches": bool(self.renderer.stats.pending),
+        }
+        return [words for words, is_on in parts.items() if is_on]
 
     def freeze(self, frame: Frame) -> None:
         """Keep what is chosen for ``frame`` until `thaw`, wherever one flies; its frustum is drawn."""

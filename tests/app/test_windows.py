@@ -318,6 +318,14 @@ def test_the_status_line_tells_what_runs_and_escape_stops_it(ui):
     assert any("P pauses" in line for line in status_lines(session))
 
 
+def test_the_status_line_tells_what_is_made_ready_meanwhile(session, monkeypatch):
+    assert not any("while you fly" in line for line in status_lines(session))
+    monkeypatch.setattr(type(session.stage._ground), "is_done", False)
+    monkeypatch.setattr(type(session.stage.trees), "is_loading", True)
+    assert "Reading images, baking light while you fly." in status_lines(session)
+    assert not session.is_still
+
+
 @pytest.mark.parametrize("scale", [1.0, 1.5])
 def test_no_window_covers_the_status_line_or_the_other(ui, scale):
     session = ui.session
