@@ -20,6 +20,12 @@ HANDLES = 3  # open datasets: GDAL's must not be used by two threads at once
 SEQUENTIAL = {"PNG", "JPEG", "GIF", "WEBP", "BIGGIF", "JPEGXL", "HEIF", "AVIF"}  # decoded from the start only
 LARGEST_BLOCK_PX = 1 << 20  # larger blocks make a file no better than sequential
 STRETCH_PX = 512  # per side: from how many pixels the range of values is estimated
+_GDAL_OPTIONS = {
+    "GDAL_CACHEMAX": 256 << 20,  # bytes of blocks kept; GDAL's own default is a twentieth of the memory
+    "GDAL_HTTP_CONNECTTIMEOUT": 3,  # a local file may name remote ones
+    "GDAL_HTTP_TIMEOUT": 10,
+    "GDAL_HTTP_MAX_RETRY": 0,
+}
 NOT_8_BIT = "Stretched to 8 bits between its 1st and 99th percentile."
 
 
@@ -60,16 +66,18 @@ class ImageReader:
         block_rows, block_cols = dataset.block_shapes[0]
         self.is_sequential = self._source_driver in SEQUENTIAL or block_rows * block_cols > LARGEST_BLOCK_PX
         self.coarsest_overview = max(self._overviews, default=1)
+        self.decimates_fast = bool(self._overviews) or not (self.is_sequential or self._is_compressed)
 
     def _open(self) -> Any:
         import rasterio
         from rasterio.errors import NotGeoreferencedWarning
         from rasterio.vrt import WarpedVRT
 
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), rasterio.Env(**_GDAL_OPTIONS):
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             source = rasterio.open(os.path.abspath(self._path))
             self._source_driver, self._overviews = source.driver, source.overviews(1)
+            self._is_compressed = source.compression is not None
             dataset = source if self._warp is None else WarpedVRT(source, **self._warp)
         self._closers += [source] if self._warp is None else [dataset, source]
         return dataset
@@ -102,9 +110,12 @@ class ImageReader:
     @contextmanager
     def dataset(self) -> Iterator[Any]:
         """An open dataset that no other thread uses meanwhile."""
+        import rasterio
+
         dataset = self._free.get()
         try:
-            yield dataset
+            with rasterio.Env(**_GDAL_OPTIONS):
+                yield dataset
         finally:
             self._free.put(dataset)
 

@@ -3,7 +3,7 @@
 Small images are read whole. Large ones are read tile by tile where the file allows it: blocks that can be reached at
 once, and overviews for the coarser levels. What is missing, all levels or only the coarser ones, is made once by a
 thread of its own and kept as a raw pyramid in the cache folder; until that is done, coarse tiles come from a decimated
-read, and fine ones are shown as they become ready.
+read, where that is quick, and fine ones straight from the file, or as they become ready.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from terrain.heightfield import Heightfield
 from terrain.textures.image_placement import Placement, covered_share, place_image
 from terrain.textures.image_reader import NOT_8_BIT, ImageReader
 from terrain.textures.raw_pyramid import RawPyramid
+from terrain.textures.streaming import give_way
 from terrain.textures.tree import MOST_CELLS, TILE_PX, Pixels, TextureTree, TileNotReady, halve, pad_tile, tile_window
 
 SMALL_PX = 1 << 24  # 4096 x 4096: 85 MiB with all levels
 OVERVIEW_REACH = 4  # levels up to this many times coarser than the coarsest overview are read from it
-PREVIEW_PX = 2 * TILE_PX  # per side at most
+PREVIEW_PX = 5 * TILE_PX  # per side at most
+DIRECT_LEVELS = 3  # up to this level tiles are read from the pixels while the pyramid is not there: 4 million each
 PYRAMID_VERSION = 1
 
 
@@ -120,7 +122,7 @@ class ImageSource:
             with self._lock:
                 if level >= self._preview_level and self._preview:
                     return self._preview[level - self._preview_level][rows, cols]
-        if not self._is_direct and (self._reader.is_sequential or level > 1):
+        if not self._is_direct and (self._reader.is_sequential or level > DIRECT_LEVELS):
             raise TileNotReady
         return self._reader.level_texels(level, (rows.start, rows.stop), (cols.start, cols.stop))
 
@@ -143,8 +145,9 @@ class ImageSource:
 
         pyramid, tree, level = self._pyramid, self._tree, self._preview_level
         assert pyramid is not None
+        give_way()
         try:
-            if not self._reader.is_sequential or self._reader.coarsest_overview > 1:
+            if self._reader.decimates_fast:  # else it takes as long as the pyramid itself
                 levels = list(_levels(self._reader.decimated(tree.level_size(level)), tree, level))
                 with self._lock:
                     self._preview = levels

@@ -20,6 +20,7 @@ from terrain.frame import Frame
 from terrain.textures.tree import TILE_PX, Floats, Ints, TextureTree
 
 LEAST_SINE = 1.0 / 16.0  # ground seen flatter is treated as seen at this angle: blurred up to 4 px across, no further
+SPLIT_TILES, SPLIT_RATIO = 2.0, 4.0  # boxes wider than so many tiles and than this part of their distance are split
 MARGIN_PX = 1.0  # boxes of ground are this much larger in the image: a fragment's coordinate is rounded
 
 
@@ -94,8 +95,37 @@ def select_tiles(
     -------
     Selection
     """
+    lower_m, upper_m = split_near(tree, lower_m, upper_m, frame, tolerance_px2)
     level, distance = select_levels(tree, lower_m, upper_m, frame, tolerance_px2)
     return select_for_levels(tree, lower_m, upper_m, level, distance, most_tiles)
+
+
+def split_near(
+    tree: TextureTree, lower_m: Floats, upper_m: Floats, frame: Frame, tolerance_px2: float
+) -> tuple[Floats, Floats]:
+    """Boxes of ground in smaller ones, where they are large for their distance and would need many tiles for it.
+
+    Cells of a terrain may be as wide as many tiles of an image: not all of what is near the eye is as near.
+    """
+    done: list[tuple[Floats, Floats]] = []
+    across_px = np.sqrt(1.0 / tree.pixel_m2)
+    while len(lower_m):
+        level, distance = select_levels(tree, lower_m, upper_m, frame, tolerance_px2)
+        size = np.max((upper_m - lower_m)[:, [0, 2]], axis=1)
+        large = (size * across_px > SPLIT_TILES * TILE_PX * 2.0**level) & (size > distance / SPLIT_RATIO)
+        done.append((lower_m[~large], upper_m[~large]))
+        low, high = lower_m[large], upper_m[large]
+        middle = 0.5 * (low + high)
+        quarters = [
+            (np.where([west, True, north], low, middle), np.where([not west, True, not north], high, middle))
+            for west in (True, False) for north in (True, False)
+        ]  # fmt: skip
+        lower_m, upper_m = (np.concatenate([quarter[i] for quarter in quarters]) for i in (0, 1))
+        corner = np.where(frame.side_planes[:, None] > 0, upper_m, lower_m) - frame.eye_m  # farthest inwards
+        seen = (np.einsum("pnk,pk->pn", corner, frame.side_planes) >= 0.0).all(axis=0)
+        lower_m, upper_m = lower_m[seen], upper_m[seen]
+    lower, upper = zip(*done, strict=True) if done else ((lower_m,), (upper_m,))
+    return np.concatenate(lower), np.concatenate(upper)
 
 
 def select_for_levels(

@@ -21,6 +21,12 @@ RETRY_S = 0.2  # after a tile was not ready
 POLITENESS = 5  # added to the threads' nice value where that can be done: the picture goes first
 
 
+def give_way() -> None:
+    """Let the calling thread work only where the picture leaves time for it, on systems that can."""
+    if sys.platform == "linux":  # where threads have nice values of their own
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), POLITENESS)
+
+
 class Request(NamedTuple):
     """A tile to be read, for the tree whose handle is given."""
 
@@ -125,8 +131,7 @@ class TileStream:
             thread.start()
 
     def _work(self) -> None:
-        if sys.platform == "linux":  # where threads have nice values of their own
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), POLITENESS)
+        give_way()
         while (request := self._next()) is not None:
             key = (request.handle, request.number)
             result: Result | None = None

@@ -20,7 +20,7 @@ from terrain.gpu.context import Gpu
 from terrain.gpu.programs import TREES_BINDING
 from terrain.textures.atlas import Atlas, PageTables, Table, page_entries
 from terrain.textures.pages import ABSENT, FAILED, Pages, Slots
-from terrain.textures.select import Selection, select_for_levels, select_levels
+from terrain.textures.select import Selection, select_for_levels, select_levels, split_near
 from terrain.textures.streaming import Request, Result, TileStream
 from terrain.textures.tree import SLOT_BYTES, Floats, Ints, TextureTree, TileSource
 
@@ -121,15 +121,23 @@ class Trees:
         tolerance_px2 : float
             Largest area of a texel on the screen.
         """
-        chosen = [(select_levels(m.pages.tree, lower_m, upper_m, frame, tolerance_px2)) for m in self._members.values()]
-        self.update_levels(lower_m, upper_m, [level for level, _ in chosen], [away for _, away in chosen])
+        chosen = []
+        for member in self._members.values():
+            tree = member.pages.tree
+            boxes = split_near(tree, lower_m, upper_m, frame, tolerance_px2)
+            chosen.append((*boxes, *select_levels(tree, *boxes, frame, tolerance_px2)))
+        self._advance(chosen)
 
     def update_levels(
         self, lower_m: Floats, upper_m: Floats, levels: Sequence[Ints], distances_m: Sequence[Floats]
     ) -> None:
         """As `update`, for levels chosen by somebody else: for each tree one per box, and the box's distance [m]."""
+        self._advance([(lower_m, upper_m, *each) for each in zip(levels, distances_m, strict=True)])
+
+    def _advance(self, chosen: list[tuple[Floats, Floats, Ints, Floats]]) -> None:
+        """One frame, for boxes of ground, their levels and distances, for each tree its own."""
         self._frame += 1
-        self._choose(lower_m, upper_m, levels, distances_m)
+        self._choose(chosen)
         for member in self._members.values():
             slots = member.pages.slot[member.selection.tiles]
             self._slots.touch(slots[slots >= 0], self._frame)
@@ -198,15 +206,13 @@ class Trees:
             part.release()
         self._members.clear()
 
-    def _choose(
-        self, lower_m: Floats, upper_m: Floats, levels: Sequence[Ints], distances_m: Sequence[Floats]
-    ) -> None:  # fmt: skip
+    def _choose(self, chosen: list[tuple[Floats, Floats, Ints, Floats]]) -> None:
         """Select for every tree; where all together need more slots than there are, each gets its share."""
         room = self._slots.count
         members = list(self._members.values())
         for most in (room, room // max(len(members), 1)):
-            for member, level, distance in zip(members, levels, distances_m, strict=True):
-                member.selection = select_for_levels(member.pages.tree, lower_m, upper_m, level, distance, most)
+            for member, boxes in zip(members, chosen, strict=True):
+                member.selection = select_for_levels(member.pages.tree, *boxes, most)
             if sum(len(member.selection.tiles) for member in members) <= room:
                 return
 

@@ -189,6 +189,7 @@ def test_a_pyramid_is_built_once_and_kept(opened, tmp_path, monkeypatch):
 
 def test_a_preview_is_shown_until_the_pyramid_is_there(tmp_path, monkeypatch):
     monkeypatch.setattr(image_source, "SMALL_PX", 1000)
+    monkeypatch.setattr(image_source, "DIRECT_LEVELS", 1)
     monkeypatch.setattr(image_source.RawPyramid, "build", lambda self, read, cancelled: cancelled.wait(5.0))
     path = geotiff(tmp_path / "a.tif", np.full((1500, 1500, 3), 77, np.uint8), crs=32633)
     source = ImageSource(path, field(georeference=UTM))

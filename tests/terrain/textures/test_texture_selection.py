@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from terrain.camera import Camera
 from terrain.frame import Frame
 from terrain.textures.pages import ABSENT, Pages, Slots
-from terrain.textures.select import Selection, select_levels, select_tiles, texel_errors_px2
+from terrain.textures.select import (
+    Selection,
+    select_for_levels,
+    select_levels,
+    select_tiles,
+    split_near,
+    texel_errors_px2,
+)
 from terrain.textures.tree import TILE_PX, TextureTree
 
 EXTENT_M = 10_000.0
@@ -78,8 +85,8 @@ def test_every_cell_under_a_box_is_covered_by_one_wanted_tile_no_coarser_than_th
     tree = tree_of(size, [[c, -s, 0.1], [s, c, -0.2]])  # turned, and over a part of the ground only
     frame = frame_at(eye)
     lower, upper = boxes(count)
-    chosen = select_tiles(tree, lower, upper, frame, 1.0)
-    needed, _ = select_levels(tree, lower, upper, frame, 1.0)
+    needed, distance = select_levels(tree, lower, upper, frame, 1.0)
+    chosen = select_for_levels(tree, lower, upper, needed, distance)
     level_of = dict(zip(chosen.cell.tolist(), chosen.level.tolist(), strict=True))
     wanted = set(chosen.tiles.tolist())
     rng = np.random.default_rng(count)
@@ -159,3 +166,27 @@ def test_a_cell_shows_its_finest_resident_ancestor_that_is_no_finer_than_wanted(
         assert slot[i] == expected
         if expected != ABSENT:
             assert shown[i] == tree.locate(expected)[0]
+
+
+@settings(max_examples=40)
+@given(SIZES, EYES, st.integers(1, 6))
+def test_splitting_keeps_all_visible_ground_and_never_asks_for_more(size, eye, count):
+    tree, frame = tree_of(size), frame_at(eye)
+    lower, upper = boxes(count)
+    small_lower, small_upper = split_near(tree, lower, upper, frame, 1.0)
+    rng = np.random.default_rng(count)
+    spots = np.stack([rng.uniform(0, EXTENT_M, 400), rng.uniform(0, 200, 400), rng.uniform(0, EXTENT_M, 400)], axis=1)
+    seen = ((spots - frame.eye_m) @ frame.side_planes.T >= 0).all(axis=1)
+    held = ((spots[:, None] >= small_lower) & (spots[:, None] <= small_upper)).all(axis=2).any(axis=1)
+    assert held[seen].all()
+    whole = select_for_levels(tree, lower, upper, *select_levels(tree, lower, upper, frame, 1.0))
+    assert len(select_tiles(tree, lower, upper, frame, 1.0).tiles) <= len(whole.tiles)
+
+
+def test_near_ground_of_a_coarse_terrain_does_not_need_every_tile():
+    tree = tree_of((100_000, 100_000))  # 10 pixels per metre, on ground of which one box is known
+    lower, upper = boxes(1, 0.0)
+    frame = frame_at((5000.0, 100.0, 5000.0), 0.0, -30.0)
+    chosen = select_tiles(tree, lower, upper, frame, 1.0)
+    assert len(chosen.tiles) < 150
+    assert chosen.level.min() <= 2  # a pixel is 0.64 m wide at 100 m, and texels of level 2 are 0.4 m
