@@ -68,6 +68,8 @@ _ACTS = (
     Binding("Ctrl+Q", "leave", Session.leave, "File"),
     Binding("F", "freeze the selection to look at it", Session.toggle_freeze, "View",
             lambda session: session.stage.frozen is not None),
+    Binding("O", "show or hide the lens under the mouse", lambda session: session.layers.toggle_lens(), "View",
+            lambda session: session.layers.stack.lens.is_on),
     Binding("Home", "frame the whole terrain", Session.frame_all, "Camera"),
     Binding("C", "fly, orbit or walk: the next", lambda session: session.navigation.next_mode(), "Camera"),
     Binding("X", "let the ground stop you, or not", lambda session: session.navigation.toggle_collision(), "Camera",

@@ -10,8 +10,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from terrain.camera import Camera
 from terrain.errors import InputError
-from terrain.picking import pick_ground
 from terrain.textures.layers import BLENDS, PLACES, Key, Layer, LayerStack, Lens
 from terrain.textures.library import Library, title_of
 from terrain.textures.thematic import THEMES, Legend
@@ -136,6 +136,7 @@ class Layers:
         self._session, self.library, self.stack = session, library, stack
         self.selected = len(stack.layers) - 1
         self.is_playing = False
+        self._pointed: tuple[tuple[float, float], Camera] | None = None  # what the lens was moved for
         if not stack.lens.is_on:
             radius_m = max(min(session.heightfield.extent_m) / 8.0, 1e-3)
             self.stack = replace(stack, lens=replace(stack.lens, radius_m=radius_m))
@@ -194,6 +195,11 @@ class Layers:
         self.change(self.stack.moved(index, steps))
         self.selected = min(max(index + steps, 0), len(self.stack.layers) - 1)
 
+    def toggle_playing(self) -> None:
+        """Let the animation run, or stop it."""
+        self.is_playing = not self.is_playing
+        self._session.touch()
+
     def set_time(self, time: float) -> None:
         """Go to a time of the animation."""
         self.change(replace(self.stack, time=time))
@@ -208,18 +214,17 @@ class Layers:
         dimming = lens.dimming if lens.is_on or lens.dimming > 0.0 else _dimming(self.stack)
         self.change_lens(is_on=not lens.is_on, dimming=dimming)
 
-    def point_at(self, screen: tuple[float, float]) -> None:
+    def point_at(self, pointer: tuple[float, float]) -> None:
         """Move the lens to the ground under a point of the picture, 0..1 each from the upper left corner."""
-        session = self._session
-        if not self.stack.lens.is_on or session.picture is None:
-            return
-        width, height = session.picture.size_px
-        place = pick_ground(session.heightfield, session.camera, width / height, screen)
-        if place is not None and (place[0], place[2]) != self.stack.lens.centre_m:
-            self.change_lens(centre_m=(place[0], place[2]))
+        point = self._session.navigation.point_under(pointer)
+        if point is not None and (float(point[0]), float(point[2])) != self.stack.lens.centre_m:
+            self.change_lens(centre_m=(float(point[0]), float(point[2])))
 
-    def advance(self, dt_s: float) -> None:
-        """Let the animation go on, from its end back to its beginning."""
+    def advance(self, pointer: tuple[float, float] | None, dt_s: float) -> None:
+        """Let the lens follow the mouse, and the animation go on, from its end back to its beginning."""
+        if pointer is not None and self.stack.lens.is_on and self._pointed != (pointer, self._session.camera):
+            self._pointed = pointer, self._session.camera
+            self.point_at(pointer)
         span = self.stack.time_range
         if not self.is_playing or span is None:
             return

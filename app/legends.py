@@ -46,6 +46,11 @@ def legend_of(session: Session) -> Legend | None:
     if view == "normals":
         directions = {"up": (0, 1, 0), "east": (1, 0, 0), "north": (0, 0, -1), "west": (-1, 0, 0), "south": (0, 0, 1)}
         return Legend("the surface faces", tuple(map(normal_colour, directions.values())), tuple(directions))
+    theme = session.layers.legend
+    if theme is not None:
+        title = f"{theme.title} [{theme.unit}]" if theme.unit else theme.title
+        colours = tuple(_mixed(*(channel / 255.0 for channel in swatch.colour)) for swatch in theme.swatches)
+        return Legend(title, colours, tuple(swatch.label for swatch in theme.swatches))
     look = session.stage.look
     return _tint_legend(session.heightfield, look.palette)
 

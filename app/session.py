@@ -167,7 +167,7 @@ class Session:
         if not self.flights.is_playing:
             self.navigation.advance(inputs, dt_s)
         self.flights.record()
-        self.layers.advance(dt_s)
+        self.layers.advance(inputs.pointer, dt_s)
         if self.camera != before:
             self.touch()
 

@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 
 from app.drawing_window import draw_drawing
 from app.export_window import draw_export
+from app.layers_window import draw_layers
 from app.open_window import draw_open
 from app.places_window import draw_places
 from app.preferences_window import draw_preferences
@@ -55,6 +56,7 @@ WINDOWS = (
     Window("laboratory", "Laboratory", "laboratory", "L", draw_laboratory, "right", False),
     Window("places", "Places", "cameras and places", "G", draw_places, "right", False),
     Window("survey", "Survey", "point and profile", "V", draw_survey, "right", False),
+    Window("layers", "Layers", "layers over the ground", "Y", draw_layers, "right", False),
     Window("timeline", "Timeline", "timeline of the flight", "K", draw_timeline, "bottom", False),
     Window("open", "Open", "files to open", "Ctrl+O", draw_open, "float", False),
     Window("export", "Export", "export of films and pictures", "Ctrl+E", draw_export, "float", False),

@@ -105,14 +105,14 @@ def test_a_session_adds_moves_and_removes_layers_and_keeps_them_when_one_fails(s
 def test_the_lens_follows_the_point_under_the_mouse(session):
     layers = session.layers
     before = layers.stack.lens
-    layers.point_at((0.5, 0.7))
+    layers.advance((0.5, 0.7), 0.1)
     assert layers.stack.lens == before  # there is none to follow
     layers.toggle_lens()
-    layers.point_at((0.5, 0.7))
+    layers.advance((0.5, 0.7), 0.1)
     world = session.stage.positions(session.camera, (64, 36))[round(0.7 * 36), 32]
     assert np.hypot(*(np.array(session.stage.layers.lens.centre_m) - world[[0, 2]])) < 15.0
     held = layers.stack.lens.centre_m
-    layers.point_at((0.5, 0.01))  # the sky
+    layers.advance((0.5, 0.01), 0.1)  # the sky
     assert layers.stack.lens.centre_m == held
 
 
@@ -123,13 +123,13 @@ def test_the_animation_plays_from_end_to_end_and_over_again(session):
     layers.is_playing = True
     times = []
     for _ in range(13):
-        layers.advance(1.0)
+        layers.advance(None, 1.0)
         times.append(layers.stack.time)
     assert np.allclose(np.diff(times[:9]), 0.2)
     assert 0.0 <= times[-1] < 1.0
     layers.is_playing = False
     layers.set_time(0.5)
-    layers.advance(1.0)
+    layers.advance(None, 1.0)
     assert session.stage.layers.time == 0.5
 
 
