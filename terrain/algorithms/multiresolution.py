@@ -190,6 +190,16 @@ def select_patches(
     return Patches(nodes.level, nodes.row, nodes.col, rung), nodes
 
 
+def all_patches(tree: ApproximationTree, culler: Culler) -> tuple[Patches, Nodes]:
+    """Every patch of the finest level with all there is of it, and its node: no level of detail, nothing culled."""
+    shape = (-(-culler.cells[0] >> FINEST_LEVEL), -(-culler.cells[1] >> FINEST_LEVEL))
+    row, col = (g.ravel().astype(np.int32) for g in np.indices(shape))
+    level, rung = np.full_like(row, FINEST_LEVEL), np.zeros_like(row)
+    if tree.refined is not None:
+        rung[tree.refined.index_of(row, col) >= 0] = REFINED
+    return Patches(level, row, col, rung), Nodes(level, row, col, np.zeros(len(row)))
+
+
 def _departures(refined: RefinedCells, nodes: Nodes) -> npt.NDArray[np.float32]:
     """How far the lines in each node may take the surface from the posts' own [m]."""
     departure_m = np.zeros(len(nodes.level), np.float32)

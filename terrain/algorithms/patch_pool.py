@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.multiresolution import FINEST_LEVEL, REFINED, ApproximationTree
-from terrain.algorithms.rtin_mesh import Meshes, Patches, extract_meshes
+from terrain.algorithms.rtin_mesh import Patches, extract_meshes
 from terrain.algorithms.tin import greedy_tin
 from terrain.algorithms.walls import build_walls
 
@@ -122,9 +122,9 @@ class PatchPool:
     def _extract(self, patches: Patches, keys: Keys) -> None:
         """Add the meshes of new patches; of one that comes several times, each."""
         first_slot = len(self._starts)
-        meshes = self._meshes_of(patches)
-        self._starts = np.concatenate([self._starts, self._append(meshes.triangles.ravel()) + meshes.starts[:-1] * 3])
-        self._lengths = np.concatenate([self._lengths, np.diff(meshes.starts) * 3])
+        triangles, starts, lengths = self._meshes_of(patches)
+        self._starts = np.concatenate([self._starts, self._append(triangles.ravel()) + 3 * starts])
+        self._lengths = np.concatenate([self._lengths, 3 * lengths])
         fresh = np.zeros(len(keys), np.bool_)
         self._tried, self._is_tin = (np.concatenate([a, fresh]) for a in (self._tried, self._is_tin))
         order = np.argsort(keys)
@@ -132,18 +132,21 @@ class PatchPool:
         self._keys = np.insert(self._keys, at, keys[order])
         self._order = np.insert(self._order, at, first_slot + order)
 
-    def _meshes_of(self, patches: Patches) -> Meshes:
-        """The meshes of some patches, cut from the hierarchy or, where lines refine them, made before."""
+    def _meshes_of(self, patches: Patches) -> tuple[Ints, Keys, Keys]:
+        """Triangles of some patches, cut from the hierarchy or, where lines refine them, made before; where those of
+        each patch start and how many there are."""
         lined = patches.rung == REFINED
         meshes = extract_meshes(self.tree.rtin, self.tree.meshed(patches.take(~lined)))
         if self.tree.refined is None or not lined.any():
-            return meshes
+            return meshes.triangles, meshes.starts[:-1], np.diff(meshes.starts)
         refined = self.tree.refined
         at = refined.index_of(patches.row[lined], patches.col[lined])
-        lists = np.empty(len(lined), object)
-        lists[lined] = [refined.triangles[refined.starts[i] : refined.starts[i + 1]] for i in at]
-        lists[~lined] = np.split(meshes.triangles, meshes.starts[1:-1])
-        return Meshes(np.concatenate(list(lists)), np.cumsum([0, *map(len, lists)]))
+        lists = [refined.triangles[first:last] for first, last in zip(*refined.spans(at).tolist(), strict=True)]
+        starts, lengths = np.empty(len(lined), np.int64), np.empty(len(lined), np.int64)
+        starts[~lined], lengths[~lined] = meshes.starts[:-1], np.diff(meshes.starts)
+        lengths[lined] = [len(triangles) for triangles in lists]
+        starts[lined] = len(meshes.triangles) + np.cumsum(lengths[lined]) - lengths[lined]
+        return np.concatenate([meshes.triangles, *lists]), starts, lengths
 
     def _append(self, posts: Ints) -> int:
         """Store post numbers; returns where they start."""

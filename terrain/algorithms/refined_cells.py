@@ -61,6 +61,8 @@ class RefinedCells:
         For patches of level 3 and up, how far the refined surface may lie from the posts' own.
     cell_height_m : ndarray of float64, (p, 2)
         The lowest and the highest vertex of each refined patch.
+    cell_count, cell_triangles : int
+        Refined cells, and their triangles.
     """
 
     vertices: npt.NDArray[np.float32]
@@ -71,6 +73,8 @@ class RefinedCells:
     fin_patches: Ints
     departure_m: tuple[npt.NDArray[np.float32], ...]
     cell_height_m: Floats
+    cell_count: int
+    cell_triangles: int
 
     def index_of(self, row: npt.NDArray[np.int32], col: npt.NDArray[np.int32]) -> Ints:
         """Which refined patch each patch of level 3 is; -1 where it is none."""
@@ -79,6 +83,10 @@ class RefinedCells:
         keys, wanted = self.patches @ [1 << 32, 1], row.astype(np.int64) << 32 | col
         at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
         return np.where(keys[at] == wanted, at, -1)
+
+    def spans(self, patches: Ints) -> Ints:
+        """Where the triangles of some patches begin and end (2, n)."""
+        return np.stack([self.starts[patches], self.starts[patches + 1]])
 
     def fins_of(self, drawn: Ints) -> npt.NDArray[np.float32]:
         """The fins needed where the refined patches ``drawn`` are drawn and the others are not."""
@@ -134,6 +142,7 @@ def refine_cells(
         number.vertices(), patches, np.concatenate([np.empty((0, 3), np.int32), *lists]),
         np.cumsum([0, *map(len, lists)]), fins, fin_patches,
         _departures(heightfield, cells, height_of, padded_shape, top_level), np.array(lowest).reshape(-1, 2),
+        len(cells), sum(map(len, triangles.values())),
     )  # fmt: skip
 
 
@@ -230,8 +239,11 @@ def _triangulate(
     row, col = cell
     corners = [(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)]
     rim = [(c * UNITS, r * UNITS) for c, r in corners]
-    if len(pieces) == 1 and points <= set(pieces[0]) and all(_on_rim(end, rim) for end in pieces[0]):
-        return _halves(rim, *pieces[0])
+    ends = {end for piece in pieces for end in piece}
+    if points <= ends and all(_on_rim(end, rim) for end in ends):
+        parts = _cut_across(rim, ends, pieces)
+        if parts is not None:
+            return parts
     return _conforming(rim, points, pieces, height_of)
 
 
@@ -239,8 +251,8 @@ def _on_rim(point: Point, rim: list[Point]) -> bool:
     return point[0] in (rim[0][0], rim[2][0]) or point[1] in (rim[0][1], rim[2][1])
 
 
-def _halves(rim: list[Point], one: Point, other: Point) -> list[tuple[Point, Point, Point]]:
-    """A square cut by one line from rim to rim: the common case. Both halves are convex."""
+def _cut_across(rim: list[Point], ends: set[Point], pieces: list[Piece]) -> list[tuple[Point, Point, Point]] | None:
+    """A square cut by lines from rim to rim, the common case: all parts are convex. None where two lines cross."""
     (west, north), (east, south) = rim[0], rim[2]
 
     def along(point: Point) -> int:  # clockwise as seen from above, from the north-west corner
@@ -251,12 +263,15 @@ def _halves(rim: list[Point], one: Point, other: Point) -> list[tuple[Point, Poi
             return UNITS + row - north
         return 2 * UNITS + east - col if row == south else 3 * UNITS + south - row
 
-    ring = sorted({*rim, one, other}, key=along)
-    i, j = sorted((ring.index(one), ring.index(other)))
-    triangles = []
-    for half in (ring[i : j + 1], ring[j:] + ring[: i + 1]):
-        triangles += [(half[0], half[k + 1], half[k]) for k in range(1, len(half) - 1)]
-    return triangles
+    parts = [sorted({*rim, *ends}, key=along)]
+    for one, other in pieces:
+        whole = next((part for part in parts if one in part and other in part), None)
+        if whole is None:
+            return None
+        i, j = sorted((whole.index(one), whole.index(other)))
+        parts.remove(whole)
+        parts += [half for half in (whole[i : j + 1], whole[j:] + whole[: i + 1]) if len(half) > 2]
+    return [(part[0], part[k + 1], part[k]) for part in parts for k in range(1, len(part) - 1)]
 
 
 def _conforming(

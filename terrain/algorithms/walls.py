@@ -50,8 +50,8 @@ def build_walls(
     Returns
     -------
     ndarray of float32, (m, 3, 4)
-        Triangles, counter-clockwise from where they are seen: column and row in posts, height [m], and 1 for vertices
-        of the upper edge, -1 for those of the lower.
+        Triangles, counter-clockwise from where they are seen: column and row in posts, height [m], and 1 to 4 for a
+        wall that faces north, south, west or east, negative at the vertices of the lower edge.
     """
     drawn = _map_patches(rtin, patches, finest_level)
     found = [
@@ -161,15 +161,21 @@ def _side_walls(
     starts = np.flatnonzero((owner[1:] == owner[:-1]) & is_drawn[:-1])
     ends = starts + 1
     where = np.stack([col, row], axis=1)
-    # Even the smallest difference gets its wall: without, a pixel could fall between two edges.
-    outwards = starts[(ours[starts] > others[starts]) | (ours[ends] > others[ends])]
-    inwards = starts[(others[starts] > ours[starts]) | (others[ends] > ours[ends])]
+    # Even the smallest difference gets its wall, and so does a vertex that only one of two level edges has: the picture
+    # rounds vertices to a fraction of a pixel, and one could fall between the edges.
+    level_ends = (ours == others)[starts] & (ours == others)[ends]
+    level_ends &= (own != theirs)[starts] | (own != theirs)[ends]
+    outwards = starts[(ours[starts] > others[starts]) | (ours[ends] > others[ends]) | level_ends]
+    inwards = starts[(others[starts] > ours[starts]) | (others[ends] > ours[ends]) | level_ends]
     here, there = np.concatenate([outwards, inwards + 1]), np.concatenate([outwards + 1, inwards])
     upper, lower = np.stack([ours, others]), np.stack([others, ours])
     which = np.repeat([0, 1], [len(outwards), len(inwards)])
-    return _quads(
+    quads = _quads(
         where[here], where[there], upper[which, here], upper[which, there], lower[which, here], lower[which, there]
     )
+    facing = side[owner[here]] ^ which  # opposite sides differ in the last bit
+    quads[..., 3] *= (1 + facing)[:, None]
+    return quads.reshape(-1, 3, 4)
 
 
 def _along(height: Floats, step: Places, vertices: Bools) -> Floats:
@@ -185,7 +191,8 @@ def _along(height: Floats, step: Places, vertices: Bools) -> Floats:
 def _quads(
     here: Places, there: Places, upper_here: Floats, upper_there: Floats, lower_here: Floats, lower_there: Floats
 ) -> npt.NDArray[np.float32]:
-    """Two triangles for every piece of an edge, from the upper edge down to the lower, as far as it is the upper."""
+    """Two triangles (n, 6, 4) for every piece of an edge, from the upper edge down to the lower, as far as it is the
+    upper."""
     begin, end = upper_here - lower_here, upper_there - lower_there
     crossing = begin / np.where(begin == end, 1.0, begin - end)
     corners = np.empty((2, 2, len(here), 4), np.float32)  # (here and there, up and down)
@@ -195,4 +202,4 @@ def _quads(
         corners[i, 1, :, 2] = lower_here + t * (lower_there - lower_here)
     corners[:, 0, :, 3], corners[:, 1, :, 3] = 1.0, -1.0
     quads = corners.reshape(4, len(here), 4)[[0, 1, 3, 0, 3, 2]]
-    return np.ascontiguousarray(quads.transpose(1, 0, 2)).reshape(-1, 3, 4)
+    return np.ascontiguousarray(quads.transpose(1, 0, 2))

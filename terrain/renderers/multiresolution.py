@@ -19,6 +19,7 @@ from terrain.algorithms.multiresolution import (
     FINEST_LEVEL,
     REFINED,
     ApproximationTree,
+    all_patches,
     build_preview,
     load_tree,
     select_patches,
@@ -35,6 +36,7 @@ from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
 from terrain.scene import Scene
 
+_FRAGMENTS: tuple[tuple[str, dict[str, int]], ...] = (("mesh", {}), ("multiresolution_gouraud", {"GOURAUD": 1}))
 _NO_PATCHES = Patches(*(np.empty(0, np.int32) for _ in range(4)))
 TINS_ASIDE = 8  # made at once while one flies on
 VERTEX_TEXELS = 1024  # to a row of the texture that holds the lines' vertices
@@ -46,6 +48,12 @@ class MultiresolutionSettings(base.Settings):
 
     horizon: bool = setting(True, "Horizon culling", "Drop patches hidden behind nearer ground.")
     walls: bool = setting(True, "Walls", "Close the gaps between patches of different error or size.")
+    detail: bool = setting(
+        True, "Level of detail", "Choose patches by their error on the screen; off, every triangle is drawn."
+    )
+    gouraud: bool = setting(
+        False, "Gouraud shading", "Light at the vertices in place of baked light: what the paper compares with."
+    )
     tins: bool = setting(
         False, "TINs", "Triangulate the microstructures freely: a few per cent fewer triangles, made in seconds.",
         rebuild=True,
@@ -83,8 +91,7 @@ class MultiresolutionRenderer:
         self._tins: tuple[Patches, Future[list[Any]] | None] = _NO_PATCHES, None  # being triangulated
         self._indices = gpu.ctx.buffer(reserve=4, dynamic=True)
         self._wall_corners = gpu.ctx.buffer(reserve=16, dynamic=True)
-        self._geometry: Geometry | None = None
-        self._wall_geometry: Geometry | None = None
+        self._geometries: dict[str, tuple[Geometry, Geometry]] = {}  # of patches and of walls, by fragment stage
         self._line_vertices: moderngl.Texture | None = None
         self._overhangs = False
         self._patches: Patches | None = None
@@ -96,9 +103,12 @@ class MultiresolutionRenderer:
         settings = self.settings
         pool = self._current_pool()
         tree = pool.tree
-        patches, self._nodes = select_patches(
-            tree, self._culler, frame, settings.tolerance_px, horizon=settings.horizon
-        )
+        if settings.detail:
+            patches, self._nodes = select_patches(
+                tree, self._culler, frame, settings.tolerance_px, horizon=settings.horizon
+            )
+        else:
+            patches, self._nodes = all_patches(tree, self._culler)
         rests = self._patches is not None and all(map(np.array_equal, patches, self._patches))
         refined = self._add_tins(pool, patches) if settings.tins else False
         self._patches = patches
@@ -133,6 +143,12 @@ class MultiresolutionRenderer:
             if coming is not None:
                 coming.result()
 
+    @property
+    def fine_structures(self) -> tuple[int, int]:
+        """Cells that imported lines refine, and the triangles these have; waits for the tree."""
+        refined = self._current_pool().tree.refined
+        return (0, 0) if refined is None else (refined.cell_count, refined.cell_triangles)
+
     def _current_pool(self) -> PatchPool:
         """The meshes of the tree, or of its preview while the tree is being built."""
         if self._coming is not None and (not self.settings.preview or self._coming.done()):
@@ -159,9 +175,13 @@ class MultiresolutionRenderer:
             self._culler = Culler(
                 replace(self._scene, pyramid=widened(self._scene.pyramid, tree.refined)), FINEST_LEVEL
             )
-        self._geometry = Geometry(self._gpu, "multiresolution", "mesh", (), self._indices, defines | refined)
         corners = [(self._wall_corners, "4f", "in_corner")]
-        self._wall_geometry = Geometry(self._gpu, "multiresolution_wall", "mesh", corners, defines=defines)
+        for fragment, light in _FRAGMENTS:
+            chosen = defines | light
+            self._geometries[fragment] = (
+                Geometry(self._gpu, "multiresolution", fragment, (), self._indices, chosen | refined),
+                Geometry(self._gpu, "multiresolution_wall", fragment, corners, defines=chosen),
+            )
 
     def _upload(self, patches: Patches) -> None:
         """Write the triangles of the patches as one list of post numbers, and those of the walls."""
@@ -182,9 +202,11 @@ class MultiresolutionRenderer:
         }  # fmt: skip
 
     def draw(self, frame: Frame) -> None:
-        geometry, walls, pool = self._geometry, self._wall_geometry, self._pool
-        if geometry is None or walls is None or pool is None:
+        pool = self._pool
+        if pool is None:
             return
+        is_gouraud = self.settings.gouraud and frame.output == "shaded"
+        geometry, walls = self._geometries["multiresolution_gouraud" if is_gouraud else "mesh"]
         if self._overhangs:
             for plane in (0, 1):
                 self._gpu.ctx.enable_direct(GL_CLIP_DISTANCE0 + plane)
@@ -229,9 +251,10 @@ class MultiresolutionRenderer:
         return Boxes(lower, upper, self._patches.rung.astype(np.int64))
 
     def _release_geometry(self) -> None:
-        for geometry in (self._geometry, self._wall_geometry):
-            if geometry is not None:
+        for pair in self._geometries.values():
+            for geometry in pair:
                 geometry.release()
+        self._geometries.clear()
         if self._line_vertices is not None:
             self._line_vertices.release()
             self._line_vertices = None

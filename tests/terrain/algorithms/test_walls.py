@@ -68,7 +68,8 @@ def test_walls_reach_from_the_higher_edge_to_the_lower_and_stand_nowhere_else(se
     walls = build_walls(rtin, patches, 2, heights)
     uppers, lowers = defaultdict(list), defaultdict(list)
     for quad in walls.reshape(-1, 6, 4).astype(np.float64):
-        assert quad[:, 3].tolist() == [1, -1, -1, 1, -1, 1]
+        assert np.sign(quad[:, 3]).tolist() == [1, -1, -1, 1, -1, 1]
+        assert len(set(np.abs(quad[:, 3]).tolist())) == 1
         for spans, here, there in ((uppers, quad[0], quad[5]), (lowers, quad[1], quad[2])):
             add_edge(spans, *((c[1], c[0], c[2]) for c in (here, there)))
     expected = {place: sorted(pair) for place, pair in gaps_of(rtin, patches, heights).items() if len(pair) == 2}
@@ -94,6 +95,8 @@ def test_wall_faces_the_lower_patch():
         assert (normals[:, 0] * facing >= 0).all()
         assert (normals[:, 0] * facing > 0).any()
         assert not normals[:, 1:].any()
+        upright = normals.any(axis=1)  # beside them, level edges have a vertex more on one side
+        assert set(np.abs(walls[upright, :, 3]).ravel().tolist()) == {4.0 if facing > 0 else 3.0}  # east, west
 
 
 def test_patches_that_fit_and_patches_alone_have_no_walls():
