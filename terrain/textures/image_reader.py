@@ -64,6 +64,9 @@ class ImageReader:
         self.is_8_bit = dataset.dtypes[self._bands[0] - 1] == "uint8"
         self._range: tuple[float, float] | None = None
         block_rows, block_cols = dataset.block_shapes[0]
+        interleaved = str(dataset.tags(ns="IMAGE_STRUCTURE").get("INTERLEAVE", "")).upper() == "PIXEL"
+        decoded_bands = dataset.count if interleaved else len(bands[:3])
+        self.block_row_bytes = block_rows * max(dataset.width, block_cols) * decoded_bands * _item_bytes(dataset)
         self.is_sequential = self._source_driver in SEQUENTIAL or block_rows * block_cols > LARGEST_BLOCK_PX
         self.coarsest_overview = max(self._overviews, default=1)
         self.decimates_fast = bool(self._overviews) or not (self.is_sequential or self._is_compressed)
@@ -154,6 +157,14 @@ class ImageReader:
             self._range = low, 255.0 / max(high - low, 1e-9)
         values = np.nan_to_num(data.astype(np.float32))
         return np.clip((values - self._range[0]) * self._range[1], 0, 255).astype(np.uint8)
+
+
+def _item_bytes(dataset: Any) -> int:
+    """Bytes of a number; types numpy does not know (complex integers) count as the largest."""
+    try:
+        return np.dtype(dataset.dtypes[0]).itemsize
+    except TypeError:
+        return 16
 
 
 def _colour_table(dataset: Any) -> Pixels:

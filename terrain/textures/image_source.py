@@ -9,6 +9,7 @@ read, where that is quick, and fine ones straight from the file, or as they beco
 from __future__ import annotations
 
 import hashlib
+import os
 import threading
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,7 +20,7 @@ from terrain.errors import InputError
 from terrain.heightfield import Heightfield
 from terrain.textures.image_placement import Placement, covered_share, place_image
 from terrain.textures.image_reader import NOT_8_BIT, ImageReader
-from terrain.textures.raw_pyramid import RawPyramid
+from terrain.textures.raw_pyramid import FOLDER_LIMIT_BYTES, RawPyramid
 from terrain.textures.streaming import give_way
 from terrain.textures.tree import MOST_CELLS, TILE_PX, Pixels, TextureTree, TileNotReady, halve, pad_tile, tile_window
 
@@ -27,6 +28,7 @@ SMALL_PX = 1 << 24  # 4096 x 4096: 85 MiB with all levels
 OVERVIEW_REACH = 4  # levels up to this many times coarser than the coarsest overview are read from it
 PREVIEW_PX = 5 * TILE_PX  # per side at most
 DIRECT_LEVELS = 3  # up to this level tiles are read from the pixels while the pyramid is not there: 4 million each
+MOST_BLOCK_ROW_BYTES = 300 << 20
 PYRAMID_VERSION = 1
 
 
@@ -47,27 +49,22 @@ class ImageSource:
     """
 
     def __init__(self, path: str | Path, heightfield: Heightfield) -> None:
-        from rasterio.errors import RasterioError  # 128 ms to import
-
         path = Path(path)
         self.name = path.name
         try:
             self._reader, place = _open_placed(path, heightfield)
         except np.linalg.LinAlgError as error:
             raise InputError(f"{path.name}: its coordinate system does not match the terrain's ({error}).") from None
-        except (RasterioError, OSError, ValueError) as error:
-            raise InputError(f"Expected an image in {path.name}, which cannot be read as one ({error}).") from None
+        except Exception as error:  # drivers of damaged files raise whatever they like
+            cause = " ".join(str(error).replace(f"{path.resolve().parent}{os.sep}", "").split())[:200]
+            raise InputError(f"Expected an image in {path.name}, which cannot be read as one ({cause}).") from None
         self.image_from_post, self.size_px = place.image_from_post, place.size_px
         notes = list(place.notes) if self._reader.is_8_bit else [*place.notes, NOT_8_BIT]
         share = covered_share(heightfield, self.image_from_post)
         try:
-            if max(self.size_px) > MOST_CELLS * TILE_PX:
-                raise InputError(
-                    f"Expected an image of at most {MOST_CELLS * TILE_PX} pixels per side in {path.name}, "
-                    f"found {self.size_px[0]} x {self.size_px[1]}; cut it or reduce it first (gdal_translate -outsize)."
-                )
             if share == 0.0:
                 raise InputError(f"{path.name} lies beside the terrain: their extents do not overlap.")
+            self._prepare(path, place, heightfield.spacing_m)
         except InputError:
             self._reader.close()
             raise
@@ -75,7 +72,21 @@ class ImageSource:
             notes.append(f"The image covers {_percent(share)} of the terrain.")
         self.notes = tuple(notes)
 
-        tree = self._tree = TextureTree(self.size_px, self.image_from_post, heightfield.spacing_m)
+    def _prepare(self, path: Path, place: Placement, spacing_m: tuple[float, float]) -> None:
+        """Decide how tiles are read; refuse what no reading could be quick for."""
+        (width, height), reader = self.size_px, self._reader
+        found = f"{width} x {height} in {path.name}"
+        if max(self.size_px) > MOST_CELLS * TILE_PX:
+            raise InputError(
+                f"Expected an image of at most {MOST_CELLS * TILE_PX} pixels per side, found {found}; "
+                "cut it or reduce it first (gdal_translate -outsize)."
+            )
+        if reader.block_row_bytes > MOST_BLOCK_ROW_BYTES:
+            raise InputError(
+                f"Expected rows of blocks below {MOST_BLOCK_ROW_BYTES >> 20} MB, found "
+                f"{reader.block_row_bytes >> 20} MB ({found}); rewrite it first (gdal_translate -co TILED=YES)."
+            )
+        tree = self._tree = TextureTree(self.size_px, self.image_from_post, spacing_m)
         self._lock = threading.Lock()
         self._cancelled = threading.Event()
         self._builder: threading.Thread | None = None
@@ -84,13 +95,18 @@ class ImageSource:
         self._preview_level = next(k for k in range(tree.top_level + 1) if max(tree.level_size(k)) <= PREVIEW_PX)
         self._revision = 0
         self._pyramid: RawPyramid | None = None
-        reaches_top = self._reader.coarsest_overview * OVERVIEW_REACH >= 1 << tree.top_level
-        self._is_small = self.size_px[0] * self.size_px[1] <= SMALL_PX
-        self._is_direct = not self._is_small and not self._reader.is_sequential and reaches_top
+        reaches_top = reader.coarsest_overview * OVERVIEW_REACH >= 1 << tree.top_level
+        self._is_small = width * height <= SMALL_PX
+        self._is_direct = not self._is_small and not reader.is_sequential and reaches_top
         if not (self._is_small or self._is_direct):
-            first = 0 if self._reader.is_sequential or place.warp is not None else 1
+            first = 0 if reader.is_sequential or place.warp is not None else 1
             shapes = [tree.level_size(k)[::-1] for k in range(first, tree.top_level + 1)]
-            self._pyramid = RawPyramid(_key(path, place, first), first, shapes, 4 if self._reader.has_alpha else 3)
+            self._pyramid = RawPyramid(_key(path, place, first), first, shapes, 4 if reader.has_alpha else 3)
+            if self._pyramid.bytes > FOLDER_LIMIT_BYTES:
+                raise InputError(
+                    f"Expected an image with overviews, or with less than {FOLDER_LIMIT_BYTES >> 30} GB of coarser "
+                    f"levels to be made, found {found}; add overviews to it first (gdaladdo)."
+                )
 
     @property
     def revision(self) -> int:

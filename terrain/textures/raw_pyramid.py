@@ -52,6 +52,7 @@ class RawPyramid:
         self._sizes = [rows * cols * channels for rows, cols in shapes]
         self._levels: list[npt.NDArray[np.uint8]] = []
         self._rows_done = [0] * len(shapes)
+        self.bytes = sum(self._sizes)
         self.is_complete = self._open()
 
     def level(self, level: int, rows: slice) -> npt.NDArray[np.uint8] | None:
@@ -66,12 +67,12 @@ class RawPyramid:
 
         What is done of it can be read meanwhile. False where the disk has no room, or when cancelled.
         """
-        folder, size = self._path.parent, sum(self._sizes)
+        folder, size = self._path.parent, self.bytes
         temporary: Path | None = None
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            drop_oldest(folder, max(FOLDER_LIMIT_BYTES - size, 0))
-            if size > FOLDER_LIMIT_BYTES or shutil.disk_usage(folder).free < size + LEFT_FREE_BYTES:
+            drop_oldest(folder, FOLDER_LIMIT_BYTES - size)
+            if shutil.disk_usage(folder).free < size + LEFT_FREE_BYTES:
                 return False
             with tempfile.NamedTemporaryFile(dir=folder, suffix=".building", delete=False) as file:
                 temporary = Path(file.name)
@@ -98,7 +99,7 @@ class RawPyramid:
     def _open(self) -> bool:
         """Map the file, if it is there and whole."""
         try:
-            if self._path.stat().st_size != sum(self._sizes):
+            if self._path.stat().st_size != self.bytes:
                 return False
             self._map(self._path, "r")
             os.utime(self._path)  # used just now: the oldest are dropped first

@@ -142,6 +142,16 @@ def test_a_file_that_is_no_image_is_refused_in_one_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
+def test_files_that_nothing_could_read_quickly_are_refused_with_advice(tmp_path, monkeypatch):
+    path = geotiff(tmp_path / "big.tif", noise(1500, 1500), crs=32633)
+    monkeypatch.setattr(image_source, "SMALL_PX", 1000)
+    for limit, advice in (("FOLDER_LIMIT_BYTES", "gdaladdo"), ("MOST_BLOCK_ROW_BYTES", "TILED=YES")):
+        with monkeypatch.context() as patched:
+            patched.setattr(image_source, limit, 1000)
+            with pytest.raises(InputError, match=advice):
+                ImageSource(path, field(georeference=UTM))
+
+
 LEVELS = [(0, 1, 1), (1, 0, 1), (2, 0, 0)]
 
 
@@ -206,7 +216,7 @@ def test_a_preview_is_shown_until_the_pyramid_is_there(tmp_path, monkeypatch):
 
 def test_without_room_for_a_pyramid_tiles_still_come_from_the_file(opened, tmp_path, monkeypatch):
     monkeypatch.setattr(image_source, "SMALL_PX", 1000)
-    monkeypatch.setattr("terrain.textures.raw_pyramid.FOLDER_LIMIT_BYTES", 10)
+    monkeypatch.setattr("terrain.textures.raw_pyramid.LEFT_FREE_BYTES", 1 << 60)
     pixels = noise(700, 700)
     source = opened(geotiff(tmp_path / "a.tif", pixels, crs=32633), field(georeference=UTM))
     tile = read_when_ready(source, 2, 0, 0)
