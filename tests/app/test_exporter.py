@@ -200,6 +200,6 @@ def test_png_of_any_size_holds_its_pixels_and_its_words(tmp_path, size):
 
 
 def test_bands_come_from_the_top_and_fill_the_picture(session):
-    bands = [b for b in draw_bands(session.stage, session.camera, (50, 31), "shaded", tile_px=12) if b is not None]
+    bands = [b for b in draw_bands(session.stage, session.camera, (50, 31), "shaded", tile_px=16) if b is not None]
     assert [band.shape[1:] for band in bands] == [(50, 3)] * len(bands)
     assert sum(len(band) for band in bands) == 31

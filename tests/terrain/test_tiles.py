@@ -59,5 +59,5 @@ def test_tiles_make_the_picture_drawn_at_once(gpu, name):
     assert (len(bands), tiled.shape) == (2, whole.shape)
     off = np.abs(tiled - whole).max(axis=-1)
     assert whole.std() > 10.0
-    assert np.percentile(off, 98) <= 3  # the sky's colours are interpolated between other corners
+    assert np.percentile(off, 99) <= 3  # the sky's colours are interpolated between other corners
     assert (off > 24).mean() < 0.004  # pixels on edges may fall to either side
