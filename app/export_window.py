@@ -24,14 +24,14 @@ def draw_export(session: Session) -> None:
     exporter.order = form.edit(order, shown)
     imgui.text_disabled(f"{KINDS[order.kind][:1].upper()}{KINDS[order.kind][1:]}, {_amount(session, order)}.")
     imgui.end_disabled()
-    if exporter.job is None:
+    job, left_s = exporter.job, exporter.left_s
+    if job is None:
         button("Export", "Draw it off screen, under a new name in the current folder.", exporter.start)
         return
     button("Cancel", "Stop; of a film and of frames what is done is kept.", exporter.cancel)
     imgui.same_line()
-    left_s = exporter.left_s
     told = "" if left_s is None else f"{left_s:.0f} s left"
-    imgui.progress_bar(exporter.job.share or 0.0, (-1.0, 0.0), told)
+    imgui.progress_bar(job.share or 0.0, (-1.0, 0.0), told)
 
 
 def _amount(session: Session, order: Order) -> str:

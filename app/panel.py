@@ -13,6 +13,7 @@ from app.keys import FAST, HELD, KEYBOARD_HELP, LOOKED, MOUSE_HELP, bindings
 from app.menu import draw_menu
 from app.overlay import draw_overlay
 from app.preferences import Preferences
+from app.question_windows import draw_questions
 from app.session import Session
 from app.theme import apply_theme, bad, key_colour
 from app.workbench import draw_divider
@@ -44,6 +45,7 @@ class Panel:
             draw_overlay(session)
         if session.gpu.programs.errors:
             _draw_shader_errors(session.gpu.programs.errors)
+        draw_questions(session)
         if session.shows_help:
             _draw_help(session)
         if session.preferences.problem:
