@@ -13,9 +13,9 @@ from app.windows import WINDOWS, Window
 
 DOCK_SPACE = 0x5EC0FE  # any number, the same in every run: the kept layout refers to it
 SIDE_EM = {"left": 23.5, "right": 26.0}
-BOTTOM_EM = 15.0
+BOTTOM_EM = 14.0
 LEAST_FREE_EM = 24.0  # between the left and the right side; with less, all windows share the left
-FLOAT_EM = (26.0, 14.0)
+FLOAT_EM, CASCADE_EM = (28.0, 19.0), 1.6  # of windows that are not docked: size, and from one to the next
 
 
 class Rectangle(NamedTuple):
@@ -41,9 +41,10 @@ def draw_windows(session: Session) -> None:
         session.wants_first_layout = False
         _build_layout()
     imgui.dock_space_over_viewport(DOCK_SPACE, None, imgui.DockNodeFlags_.passthru_central_node)
+    floating = [window.name for window in WINDOWS if window.side == "float"]
     for window in WINDOWS:
         if session.open_windows.setdefault(window.name, window.is_open):
-            _draw_window(session, window)
+            _draw_window(session, window, floating.index(window.name) if window.name in floating else 0)
 
 
 def free_rectangle(session: Session) -> Rectangle:
@@ -76,11 +77,12 @@ def keep_layout(preferences: PreferenceFile) -> None:
         preferences.write_layout(imgui.save_ini_settings_to_memory())
 
 
-def _draw_window(session: Session, window: Window) -> None:
-    em, size = imgui.get_font_size(), imgui.get_io().display_size
+def _draw_window(session: Session, window: Window, number: int) -> None:
+    em, free = imgui.get_font_size(), free_rectangle(session)
     width, height = (extent * em for extent in FLOAT_EM)
+    corner = free.left + 2 * em + number * CASCADE_EM * em, free.top + 4 * em + number * CASCADE_EM * em
     imgui.set_next_window_size((width, height), imgui.Cond_.first_use_ever)
-    imgui.set_next_window_pos(((size.x - width) / 2, (size.y - height) / 2), imgui.Cond_.first_use_ever)
+    imgui.set_next_window_pos(corner, imgui.Cond_.first_use_ever)
     imgui.set_next_window_bg_alpha(WINDOW_OPACITY)
     with imgui_ctx.begin(window.title, True, imgui.WindowFlags_.no_focus_on_appearing) as shown:
         if shown.expanded:

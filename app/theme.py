@@ -13,7 +13,7 @@ Colour = tuple[float, float, float, float]
 
 FONT_PX = 15.0
 ROUNDING_PX = 4.0
-WINDOW_OPACITY = 0.92
+WINDOW_OPACITY = 0.96
 _FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "DroidSans.ttf"
 # Good and bad are blue and orange (Okabe and Ito, 2008), never green and red; dark, then light theme.
 _GOOD = (0.35, 0.70, 0.95, 1.0), (0.00, 0.36, 0.60, 1.0)

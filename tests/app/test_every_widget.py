@@ -9,6 +9,7 @@ import pytest
 from imgui_bundle import imgui
 from ui_harness import AVAILABLE, UiHarness
 
+from app.navigation import MODES
 from app.preferences import Preferences
 from app.windows import WINDOWS
 from terrain.renderers import RENDERERS
@@ -97,6 +98,7 @@ def test_every_widget_is_operated_by_a_test(heard, session):
     assert all(field.metadata["help"].endswith(".") for field in fields)
     settings = {f"##{field.metadata['label']}" for field in fields}
     tests = "\n".join(path.read_text(encoding="utf-8") for path in TESTS.glob("test_*.py"))
-    algorithms = {f"{name.capitalize()}##{name}" for name in RENDERERS}  # of the laboratory, by f-string
-    others = {label for label in heard.labels if label not in settings | algorithms}
-    assert {label for label in others if f'{label}"' not in tests and f"{label}/" not in tests} == set()
+    in_loops = {*(f"{name.capitalize()}##{name}" for name in RENDERERS), *(mode.capitalize() for mode in MODES)}
+    others = {label for label in heard.labels if label not in settings | in_loops}
+    untested = sorted(label for label in others if f'{label}"' not in tests and f"{label}/" not in tests)
+    assert not untested, f"no test operates {', '.join(untested)}"
