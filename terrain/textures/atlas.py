@@ -135,12 +135,12 @@ def slot_places(slots: Ints) -> Ints:
 def page_entries(slots: Ints, levels: Ints, rows: Ints, cols: Ints) -> Table:
     """(n, 4): entries of the page table for cells, whose tiles of some levels are in some slots (below 0: in none).
 
-    A pixel of level 0 is found at ``entry[:2] + entry[2] * pixel`` of layer ``entry[3]``.
+    A pixel of level 0 is found at texel ``entry[:2] + entry[2] * pixel`` of layer ``entry[3]``.
     """
     entries = np.empty((len(slots), 4), np.float32)
     places = slot_places(np.maximum(slots, 0))
     for axis, at in enumerate((cols, rows)):
-        entries[:, axis] = (places[:, axis] * SLOT_PX + BORDER_PX - (at >> levels) * TILE_PX) / LAYER_PX
-    entries[:, 2] = 2.0 ** -levels.astype(np.float64) / LAYER_PX
+        entries[:, axis] = places[:, axis] * SLOT_PX + BORDER_PX - (at >> levels) * TILE_PX
+    entries[:, 2] = 2.0 ** -levels.astype(np.float64)
     entries[:, 3] = np.where(slots < 0, -1, places[:, 2])
     return entries

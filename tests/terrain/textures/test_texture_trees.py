@@ -286,6 +286,18 @@ def test_the_same_picture_twice(staged):
     assert np.array_equal(*pictures)
 
 
+def test_the_same_picture_wherever_tiles_lie_in_the_atlas(staged):
+    terrain = flat()
+    noise = np.random.default_rng(1).integers(0, 256, (2000, 2000, 3), np.uint8)
+    pictures = []
+    for before in ([], [oblique(0.7, 0.5, yaw=-60.0), oblique(0.2, 0.4, yaw=100.0), oblique(yaw=-30.0)]):
+        stage = staged(ArraySource("noise", noise, whole_extent(terrain)), terrain=terrain)
+        for camera in before:
+            stage.render(camera, SIZE_PX)
+        pictures.append(stage.render(oblique(), (960, 600)))  # rounding shows in few pixels
+    assert np.array_equal(*pictures)
+
+
 def test_no_more_images_than_the_shaders_know_are_taken(staged):
     terrain = flat()
     sources = [ArraySource(str(i), np.zeros((4, 4, 3), np.uint8), whole_extent(terrain)) for i in range(17)]
