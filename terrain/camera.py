@@ -53,7 +53,7 @@ class Camera:
         )  # fmt: skip
         forward = np.array([sy * cp, sp, -cy * cp])
         right = np.array([cy, 0.0, sy])
-        up = np.cross(right, forward)
+        up = np.array([-sy * sp, cp, cy * sp])  # right x forward
         # A clockwise roll of the camera turns its right axis downwards.
         return np.stack([cr * right - sr * up, sr * right + cr * up, -forward])
 

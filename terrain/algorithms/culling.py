@@ -10,6 +10,7 @@ it never dips below the node's minimum, and the horizon needs no allowance for t
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -105,7 +106,7 @@ class Culler:
         nodes = self._in_frustum(frame, split_ratio)
         if horizon and len(nodes.level) > 1 and self._eye_above_ground(frame):
             nodes = nodes.take(np.flatnonzero(self._before_horizon(nodes, frame)))
-        return nodes.take(np.argsort(nodes.distance_m, kind="stable"))
+        return nodes.take(np.argsort(nodes.distance_m))
 
     def _index(self, nodes: Nodes) -> npt.NDArray[np.int64]:
         """Where nodes stand among those of all levels."""
@@ -181,7 +182,13 @@ class Culler:
 
         From below, and from outside the grid, where rays may enter under its cut edge, nothing is certainly hidden.
         """
-        x, y, z = frame.eye_m
+        x, y, z = frame.camera.position_m
+        level = self.finest_level
+        dx, dz = self.spacing_m
+        row, col = math.floor(z / dz) >> level, math.floor(x / dx) >> level
+        in_grid = 0 <= row < self._height[level] - 1 and 0 <= col < self._width[level] - 1  # the last may end half way
+        if in_grid and y > self._bounds[row * self._width[level] + col, 1]:
+            return True
         return bool(y > self._scene.heightfield.heights_at(x, z))  # NaN outside
 
     def _before_horizon(self, nodes: Nodes, frame: Frame) -> Bools:
@@ -190,8 +197,9 @@ class Culler:
         x, z = self._ground(nodes)
         bounds = np.take(self._bounds, at, axis=0)
         occluder = bounds[:, 0] if self._occluder is None else self._occluder[at]
-        bottom, top = (np.subtract(height_m, eye[1], dtype=np.float64) for height_m in (occluder, bounds[:, 1]))
-        return rises_above_horizon(x - eye[0], z - eye[2], bottom, top, frame.camera.forward)
+        bottom, top = (np.subtract(h, eye[1], dtype=np.float64).astype(np.float32) for h in (occluder, bounds[:, 1]))
+        x, z = np.subtract(x, eye[0]).astype(np.float32), np.subtract(z, eye[2]).astype(np.float32)
+        return rises_above_horizon(x, z, bottom, top, frame.camera.forward)
 
 
 def _starts(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -40,7 +40,19 @@ Bools = npt.NDArray[np.bool_]
 Window = tuple[slice, slice]
 
 LARGEST_TILE_LEVEL = 8  # joined tiles of up to 256 cells
+TILES_PER_SIDE = 256  # that automatic tiles have at most
 RAMP_GAP = 1.05  # successive ramp ends differ by at least this factor: every ramp has a width
+
+
+def automatic_tile_cells(cells: tuple[int, int]) -> int:
+    """Cells along the smallest tiles that suit a grid of ``cells`` (rows, columns): 8 up to 2049 posts, 16 up to 4097.
+
+    Small tiles draw fewest triangles; more than `TILES_PER_SIDE` would cost more to select than they save.
+    """
+    size = 8
+    while size < 64 and size * TILES_PER_SIDE < max(cells):
+        size *= 2
+    return size
 
 
 class Tiles(NamedTuple):
@@ -99,6 +111,16 @@ class TileLevels:
         for t in range(self.size_level, last + 1):
             shape = [n >> (t - self.size_level) for n in largest]
             self.tiers.append(_build_tier(pyramid, t, shape, self.tiers[-1] if self.tiers else None))
+        self._in_grid = self.tiers[0].full >= 0
+        self._overhangs = not self._in_grid.all()
+        # First and last post of all tiers' columns, one tier behind the other, and of their rows [m].
+        counts = np.array([tier.full.shape for tier in self.tiers])
+        sizes = [1 << tier.size_level for tier in self.tiers]
+        self._rows, self._cols = (
+            spacing * _edges(counts[:, axis].tolist(), sizes, self.cells[axis])
+            for axis, spacing in ((0, self.spacing_m[1]), (1, self.spacing_m[0]))
+        )
+        self._first = (np.cumsum(counts, axis=0) - counts).tolist()
         self._drawn: list[Grid] | None = None  # lambda as drawn, per tier: what time- and frame-driven morphs move
         self._time_s: float | None = None
 
@@ -165,7 +187,7 @@ class TileLevels:
             size = 1 << (level - self.size_level)
             blocks = mask.reshape(mask.shape[0] // size, size, mask.shape[1] // size, size)
             blocks[nodes.row[at], :, nodes.col[at], :] = True
-        masks = [mask[:rows, :cols]]
+        masks = [mask[:rows, :cols] & self._in_grid if self._overhangs else mask[:rows, :cols]]
         for _ in self.tiers[1:]:
             masks.append(_join(masks[-1], np.logical_or))
         return masks
@@ -180,42 +202,29 @@ class TileLevels:
         """
         windows: list[Window] = []
         fields: list[Grid] = []
+        eye = frame.eye_m
+        gaps = tuple(
+            np.square(np.maximum(np.maximum(edges[0] - at, at - edges[1]), 0.0)).astype(np.float32)
+            for edges, at in ((self._rows, eye[2]), (self._cols, eye[0]))
+        )
         window = _whole(masks[-1])
         for index in range(len(self.tiers) - 1, -1, -1):
             tier = self.tiers[index]
-            tol = self._tolerance_m(tier, window, frame.eye_m, tolerance)
-            field = np.zeros_like(tol)
-            for start, scale in zip(tier.start, tier.scale, strict=True):
-                v = tol - start[window]
-                v *= scale[window]
-                field += np.clip(v, 0, 1, out=v)
+            gap_z, gap_x = (
+                gap[first + w.start : first + w.stop]
+                for gap, first, w in zip(gaps, self._first[index], window, strict=True)
+            )
+            tol = _tolerance_m(tier, window, gap_z, gap_x, np.float32(eye[1]), tolerance)
             windows.insert(0, window)
-            fields.insert(0, field)
+            fields.insert(0, _ramps(tier, window, tol))
             if index and everywhere:
                 window = _whole(masks[index - 1])
             elif index:
                 # A ring around what is visible counts too, so that turning the head changes nothing in the middle.
-                needed = np.zeros(masks[index].shape, np.bool_)
-                needed[window] = _grown(masks[index][window]) & (tol < tier.parts_full[window])
+                needed = _grown(masks[index][window]) & (tol < tier.parts_full[window])
                 margin = self.size_level + 2  # as far as a tile limits others, in parts of this tile
-                window = _parts_window(_bounding_window(needed), window, margin)
+                window = _parts_window(_bounding_window(needed, window), window, margin)
         return windows, fields
-
-    def _tolerance_m(self, tier: _Tier, window: Window, eye: npt.NDArray[np.float64], tolerance: np.float32) -> Grid:
-        """The error [m] allowed at the nearest point of each tile."""
-        (dx, dz), size = self.spacing_m, 1 << tier.size_level
-        rows, cols = (np.arange(w.start, w.stop) * size for w in window)
-        gap_x = _gap(cols, size, self.cells[1], dx, eye[0])
-        gap_z = _gap(rows, size, self.cells[0], dz, eye[2])
-        height = np.float32(eye[1])
-        tol = np.maximum(tier.minimum_m[window] - height, height - tier.maximum_m[window])
-        np.maximum(tol, 0, out=tol)
-        np.square(tol, out=tol)
-        tol += (gap_x**2)[None, :]
-        tol += (gap_z**2)[:, None]
-        np.sqrt(tol, out=tol)
-        tol *= tolerance
-        return tol
 
     def _step(self, frame: Frame, driver: Driver, morph_s: float, morph_frames: int) -> float:
         """Levels by which lambda may move in this frame."""
@@ -261,7 +270,7 @@ class TileLevels:
             if levels[-1].size:
                 least[inside[0], inside[1]] = _join(levels[-1], np.minimum)
                 within[inside[0], inside[1]] = True
-            around = np.pad(least, 1, constant_values=full)  # what lies outside limits nothing
+            around = _bordered(least, full)  # what lies outside limits nothing
             limit = np.minimum(
                 np.minimum(around[:-2, 1:-1], around[2:, 1:-1]), np.minimum(around[1:-1, :-2], around[1:-1, 2:])
             )
@@ -280,21 +289,24 @@ class TileLevels:
         for index in range(len(self.tiers) - 1, -1, -1):
             lam, exists, window = levels[index], joined[index], windows[index]
             t = self.tiers[index].size_level
-            padding = self.tiers[index].full[window] < 0
-            here = np.flatnonzero(exists & ~covered & masks[index][window] & ~padding)
+            here = np.flatnonzero((exists > covered) & masks[index][window])
             if len(here):
                 # What a neighbour of the same size offers at the shared edge: its lambda; t where it is part of a
-                # larger tile; -1 where there are smaller ones; 0, which is never more than one's own, past the grid.
-                offer = np.where(covered, np.float32(t), np.where(exists, lam, np.float32(-1)))
-                offer[padding] = 0
-                offer = np.pad(offer, 1, mode="edge")
+                # larger tile; -1 where there are smaller ones; 0, which is never more than one's own, past the grid
+                # and the window.
+                offer = np.multiply(covered, np.float32(t + 1), dtype=np.float32)
+                offer -= 1
+                np.maximum(offer, np.where(exists, lam, np.float32(-1)) if index else lam, out=offer)
+                if self._overhangs:
+                    offer[self.tiers[index].full[window] < 0] = 0
+                offer = _bordered(offer, np.float32(0))
                 width, flat = offer.shape[1], offer.ravel()
-                row, col = np.divmod(here.astype(np.int32), np.int32(lam.shape[1]))
+                row, col = np.divmod(here, lam.shape[1])
                 at = (row + 1) * width + (col + 1)
-                own = lam.ravel()[here]
+                own = flat[at]
                 edge = np.empty((4, len(here)), np.float32)
                 for side, step in zip(edge, (-width, width, -1, 1), strict=True):
-                    np.take(flat, at + step, out=side)
+                    np.take(flat, at + step, out=side, mode="clip")
                 smaller = edge < 0
                 np.maximum(edge, own, out=edge)
                 edge[smaller] = t - 1
@@ -304,7 +316,7 @@ class TileLevels:
                 parts.append(Tiles(post, np.full(len(here), t, np.int32), level, own, edge.T))
             if index:
                 inner = windows[index - 1]
-                gone = np.repeat(np.repeat(covered | exists, 2, axis=0), 2, axis=1)
+                gone = _doubled(covered | exists)
                 covered = gone[
                     inner[0].start - 2 * window[0].start : inner[0].stop - 2 * window[0].start,
                     inner[1].start - 2 * window[1].start : inner[1].stop - 2 * window[1].start,
@@ -351,12 +363,14 @@ def _whole(mask: Bools) -> Window:
     return slice(0, mask.shape[0]), slice(0, mask.shape[1])
 
 
-def _bounding_window(mask: Bools) -> Window:
-    """The smallest window that holds all that is set in ``mask``; empty if nothing is."""
-    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+def _bounding_window(mask: Bools, outer: Window) -> Window:
+    """The smallest window that holds all that is set in ``mask``, which lies in ``outer``; empty if nothing is."""
+    bits = mask.view(np.uint8)  # their maximum is found faster than whether any is true
+    rows, cols = np.flatnonzero(bits.max(axis=1, initial=0)), np.flatnonzero(bits.max(axis=0, initial=0))
     if not len(rows):
         return slice(0, 0), slice(0, 0)
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+    (top, left), (last_row, last_col) = (w.start for w in outer), (int(rows[-1]) + 1, int(cols[-1]) + 1)
+    return slice(top + int(rows[0]), top + last_row), slice(left + int(cols[0]), left + last_col)
 
 
 def _parts_window(window: Window, outer: Window, margin: int) -> Window:
@@ -373,7 +387,7 @@ def _parts_window(window: Window, outer: Window, margin: int) -> Window:
 
 def _grown(mask: Bools) -> Bools:
     """The mask and a ring of one tile around it."""
-    padded = np.pad(mask, 1)
+    padded = _bordered(mask, np.bool_(False))
     rows = padded[:-2] | padded[1:-1] | padded[2:]
     return np.asarray(rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:])
 
@@ -383,11 +397,49 @@ def _join(parts: npt.NDArray[Any], how: np.ufunc) -> npt.NDArray[Any]:
     return how(how(parts[::2, ::2], parts[1::2, ::2]), how(parts[::2, 1::2], parts[1::2, 1::2]))
 
 
-def _gap(first: npt.NDArray[np.int64], size: int, cells: int, spacing_m: float, eye_m: float) -> Grid:
-    """Distance [m] along one axis from the eye to intervals of ``size`` cells, 0 inside."""
-    low = first * spacing_m - eye_m
-    high = np.minimum(first + size, cells) * spacing_m - eye_m
-    return np.maximum(np.maximum(low, -high), 0.0).astype(np.float32)
+def _doubled(mask: Bools) -> Bools:
+    """Every element as 2 x 2: two bytes at a time across, then row by row."""
+    return np.repeat((mask.view(np.uint8) * np.uint16(0x0101)).view(np.bool_), 2, axis=0)
+
+
+def _bordered(field: npt.NDArray[Any], value: np.generic) -> npt.NDArray[Any]:
+    """The field with a border of one tile."""
+    result = np.full((field.shape[0] + 2, field.shape[1] + 2), value, field.dtype)
+    result[1:-1, 1:-1] = field
+    return result
+
+
+def _edges(counts: list[int], sizes: list[int], cells: int) -> npt.NDArray[np.int64]:
+    """First and last post (2, n) of tiles along one axis, one tier behind the other."""
+    first = np.concatenate([np.arange(n) * size for n, size in zip(counts, sizes, strict=True)])
+    return np.stack([first, np.minimum(first + np.repeat(sizes, counts), cells)])
+
+
+def _tolerance_m(
+    tier: _Tier, window: Window, gap_z: Grid, gap_x: Grid, eye_m: np.float32, tolerance: np.float32
+) -> Grid:  # fmt: skip
+    """The error [m] allowed at the nearest point of each tile; gaps: squared distances to its rows and columns."""
+    tol = np.maximum(tier.minimum_m[window] - eye_m, eye_m - tier.maximum_m[window])
+    np.maximum(tol, 0, out=tol)
+    np.square(tol, out=tol)
+    tol += gap_x
+    tol += gap_z[:, None]
+    np.sqrt(tol, out=tol)
+    tol *= tolerance
+    return tol
+
+
+def _ramps(tier: _Tier, window: Window, tol: Grid) -> Grid:
+    """The sum of the clipped ramps of a tier."""
+    total: Grid | None = None
+    for start, scale in zip(tier.start, tier.scale, strict=True):
+        v = tol - start[window]
+        v *= scale[window]
+        np.maximum(v, 0, out=v)
+        np.minimum(v, 1, out=v)
+        total = v if total is None else np.add(total, v, out=total)
+    assert total is not None  # every tier has a ramp
+    return total
 
 
 def _limit_slope(field: Grid, levels: int) -> Grid:

@@ -11,100 +11,114 @@ Azimuths are counted by a monotone function of the angle that needs no trigonome
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
 AZIMUTH_BINS = 1024
 BAND_BITS = 2  # a distance's band is its exponent and so many bits of its mantissa: bands of ratio 5/4 to 8/7
+# Everything is computed in float32, and what rounding may do is given to the boxes: shares of a tangent, of a distance,
+# and of a bin.
+TANGENT_SLACK, DISTANCE_SLACK, BIN_SLACK = np.float32(4e-6), np.float32(1e-6), np.float32(1e-3)
 
-Floats = npt.NDArray[np.float64]
+Grid = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
-_LEAST_M = 1e-9  # instead of no distance at all
+_LEAST_M = np.float32(1e-6)  # instead of no distance at all
 _WIDTH = AZIMUTH_BINS + 1  # the last bin holds the azimuth straight behind
 
 
-def rises_above_horizon(x: Floats, z: Floats, bottom: Floats, top: Floats, forward: Floats) -> Bools:
+def rises_above_horizon(x: Grid, z: Grid, bottom: Grid, top: Grid, forward: npt.NDArray[np.float64]) -> Bools:
     """Which boxes are not certainly hidden behind others.
 
     Parameters
     ----------
-    x, z : ndarray, (2, n)
+    x, z : ndarray of float32, (2, n)
         West and east, north and south edges of the boxes from the eye [m]; the boxes do not overlap.
-    bottom : ndarray, (n,)
+    bottom : ndarray of float32, (n,)
         Height that all ground in a box reaches, from the eye [m]; minus infinity if it has holes: behind a hole nothing
         is hidden for certain, for a ray may go below the ground through it.
-    top : ndarray, (n,)
+    top : ndarray of float32, (n,)
         Highest point of the boxes from the eye [m].
     forward : ndarray, (3,)
         The sight line: azimuths are counted from it, so that no box in front is cut by the seam behind the viewer.
     """
-    gap_x, gap_z = np.maximum(np.maximum(x[0], -x[1]), 0.0), np.maximum(np.maximum(z[0], -z[1]), 0.0)
+    gap_x, gap_z = np.maximum(np.maximum(x[0], -x[1]), 0), np.maximum(np.maximum(z[0], -z[1]), 0)
     near = np.sqrt(gap_x * gap_x + gap_z * gap_z)
-    around = near <= 0.0  # the eye is above this box: it is seen all round
+    around = near <= 0  # the eye is above this box: it is seen all round
     near = np.maximum(near, _LEAST_M)
     far = np.sqrt(np.square(np.maximum(-x[0], x[1])) + np.square(np.maximum(-z[0], z[1])))
 
     first, last = _azimuths(x, z, forward)
     seam = around | (last - first > AZIMUTH_BINS / 2)  # no box spans more than half the horizon, but those behind
-    first_bin, last_bin = first.astype(np.int64), last.astype(np.int64)
     # Bands counted from the first in which a box ends; what ends in the last, or begins in the first, changes nothing.
-    near_band, far_band = _bands(near), _bands(far)
-    count = int(near_band.max() - far_band.min())
+    near_band, far_band = _bands(near * (1 - DISTANCE_SLACK)), _bands(far)
+    lowest_band = int(far_band.min())
+    near_band -= lowest_band
+    far_band -= lowest_band
+    count = int(near_band.max())
+    visible = np.ones(len(near), np.bool_)
     if count <= 0:
-        return np.ones(len(near), np.bool_)
-    near_band, far_band = near_band - far_band.min(), far_band - far_band.min()
+        return visible
 
-    horizon = np.full((count, _WIDTH), -np.inf)
-    fill_first = np.ceil(first).astype(np.int64)  # bins covered in part are not filled
-    fills = np.flatnonzero((fill_first < last_bin) & (far_band < count) & ~seam)
-    size = (last_bin - fill_first)[fills]
-    index, _ = _spans(far_band[fills] * _WIDTH + fill_first[fills], size)
-    low = bottom[fills]
-    np.maximum.at(horizon.ravel(), index, np.repeat(low / np.where(low > 0.0, far[fills], near[fills]), size))
+    horizon = np.full((count, _WIDTH), -np.inf, np.float32)
+    begin = np.ceil(first + BIN_SLACK).astype(np.int64)  # bins covered in part are not filled
+    size = (last - BIN_SLACK).astype(np.int64) - begin
+    fills = np.flatnonzero((size > 0) & (far_band < count) & ~seam)
+    low, size = bottom[fills], size[fills]
+    reached = low / np.where(low > 0, far[fills], near[fills])
+    reached -= TANGENT_SLACK * np.abs(reached)
+    index, _ = _spans(far_band[fills] * _WIDTH + begin[fills], size)
+    np.maximum.at(horizon.ravel(), index, np.repeat(reached, size))
+    begin, end = (np.maximum(first - BIN_SLACK, 0)).astype(np.int64), (last + BIN_SLACK).astype(np.int64)
     holes = np.flatnonzero((bottom == -np.inf) & (near_band < count))
     if len(holes):
-        opened = _opened(np.maximum(near_band, 0)[holes], first_bin[holes], last_bin[holes], seam[holes], count)
-        horizon[opened] = -np.inf
-    np.maximum.accumulate(horizon, axis=0, out=horizon)
+        horizon[_opened(np.maximum(near_band, 0)[holes], begin[holes], end[holes], seam[holes], count)] = -np.inf
+    for nearer, band in pairwise(horizon):
+        np.maximum(nearer, band, out=band)
 
     tested = np.flatnonzero((near_band > 0) & ~seam)
-    visible = np.ones(len(near), np.bool_)
+    highest = top / np.where(top > 0, near, far)
+    # Most boxes that are seen rise above the horizon in their middle: only the others are tested in all bins.
+    row = (near_band - 1) * _WIDTH
+    in_middle = horizon.ravel()[row[tested] + (begin[tested] + end[tested]) // 2]
+    tested = tested[highest[tested] < in_middle]
     if len(tested):
-        begin = (near_band[tested] - 1) * _WIDTH + first_bin[tested]
-        index, start = _spans(begin, (last_bin - first_bin)[tested] + 1)
-        high = top[tested]
-        highest = high / np.where(high > 0.0, near[tested], far[tested])
-        visible[tested] = highest >= np.minimum.reduceat(horizon.ravel()[index], start)
+        index, start = _spans(row[tested] + begin[tested], (end - begin)[tested] + 1)
+        visible[tested] = highest[tested] >= np.minimum.reduceat(horizon.ravel()[index], start)
     return visible
 
 
-def _azimuths(x: Floats, z: Floats, forward: Floats) -> tuple[Floats, Floats]:
+def _azimuths(x: Grid, z: Grid, forward: npt.NDArray[np.float64]) -> tuple[Grid, Grid]:
     """Least and greatest azimuth of the corners of boxes, in bins: 0 and AZIMUTH_BINS straight behind."""
     level = float(np.hypot(forward[0], forward[2]))
-    ahead = (forward[0] / level, forward[2] / level) if level > _LEAST_M else (0.0, -1.0)
-    along = ((ahead[0] * x)[:, None] + (ahead[1] * z)[None, :]).reshape(4, -1)
-    across = ((-ahead[1] * x)[:, None] + (ahead[0] * z)[None, :]).reshape(4, -1)
-    turn = across / np.maximum(np.abs(along) + np.abs(across), _LEAST_M)
-    behind = np.copysign(2.0, across) - turn
-    turn = np.where(along < 0.0, behind, turn)
-    turn += 2.0
-    turn *= AZIMUTH_BINS / 4
-    return turn.min(axis=0), turn.max(axis=0)
+    ahead_x, ahead_z = (forward[[0, 2]] / level).astype(np.float32) if level > 1e-9 else np.float32([0, -1])
+    along = ((ahead_x * x)[:, None] + (ahead_z * z)[None, :]).reshape(4, -1)
+    across = ((-ahead_z * x)[:, None] + (ahead_x * z)[None, :]).reshape(4, -1)
+    turn = np.abs(along)
+    turn += np.abs(across)
+    np.maximum(turn, _LEAST_M, out=turn)
+    np.divide(across, turn, out=turn)
+    behind = np.copysign(np.float32(2), across)
+    behind -= turn
+    np.copyto(turn, behind, where=along < 0)
+    scale = np.float32(AZIMUTH_BINS / 4)
+    return (turn.min(axis=0) + 2) * scale, (turn.max(axis=0) + 2) * scale
 
 
-def _bands(distance_m: Floats) -> Ints:
-    """Number of the band of each distance, by the bits of the float: exact at the borders, and growing with it."""
-    return distance_m.view(np.int64) >> (52 - BAND_BITS)
+def _bands(distance_m: Grid) -> Ints:
+    """Number of the band of each distance, by the bits of the float: it grows with the distance."""
+    return (distance_m.view(np.int32) >> (23 - BAND_BITS)).astype(np.int64)
 
 
 def _spans(first: Ints, count: Ints) -> tuple[Ints, Ints]:
     """All integers of the ranges [first, first + count) one behind the other, and where each range starts."""
-    stop = np.cumsum(count)
-    start = stop - count
-    total = int(stop[-1]) if len(stop) else 0
-    return np.arange(total) + np.repeat(first - start, count), start
+    start = np.cumsum(count) - count
+    spans = np.repeat(first - start, count)
+    spans += np.arange(len(spans))
+    return spans, start
 
 
 def _opened(band: Ints, first: Ints, last: Ints, seam: Bools, bands: int) -> Bools:

@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 
 from terrain.algorithms.culling import Culler
-from terrain.algorithms.geomorph import TileLevels, Tiles, tile_triangles
+from terrain.algorithms.geomorph import TileLevels, Tiles, automatic_tile_cells, tile_triangles
 from terrain.algorithms.morph_targets import build_morph_targets
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
@@ -32,8 +32,9 @@ class GeomorphSettings(base.Settings):
     """Settings of the geomorphing tiles."""
 
     tile_cells: int = setting(
-        16, "Tile size", "Cells along the smallest tiles.", unit="cells", choices=(8, 16, 32, 64), rebuild=True
-    )
+        0, "Tile size", "Cells along the smallest tiles; 0 suits them to the terrain.",
+        unit="cells", choices=(0, 8, 16, 32, 64), rebuild=True,
+    )  # fmt: skip
     join: bool = setting(True, "Join quiet tiles", "Draw four tiles at their coarsest level as one.", rebuild=True)
     horizon: bool = setting(True, "Horizon culling", "Drop tiles hidden behind nearer ground.")
     driver: str = setting(
@@ -71,7 +72,8 @@ class GeomorphRenderer:
         self.settings: Any = settings
         self.stats = FrameStats()
         self._gpu, self._scene = gpu, scene
-        self._levels = TileLevels(scene, settings.tile_cells, settings.join)
+        tile_cells = settings.tile_cells or automatic_tile_cells(scene.pyramid.cells)
+        self._levels = TileLevels(scene, tile_cells, settings.join)
         self._culler = Culler(scene, self._levels.size_level)
         self._tile_count = int(np.prod(self._levels.tiers[0].minimum_m.shape))
         meshes = [build_tile_indices(1 << k) for k in range(self._levels.size_level + 1)]
@@ -107,7 +109,9 @@ class GeomorphRenderer:
         self.stats.triangles = tile_triangles(tiles)
         self.stats.draw_calls = int(np.count_nonzero(self._counts))
         self.stats.resident_bytes = self._static_bytes + sum(buffer.size for buffer in self._instances)
-        self.stats.extra = {"tiles": len(tiles.lam), "steered tolerance [px]": tolerance}
+        self.stats.extra = {
+            "tiles": len(tiles.lam), "cells per tile": 1 << self._levels.size_level, "steered tolerance [px]": tolerance
+        }  # fmt: skip
 
     def _steered_tolerance(self) -> float:
         """The tolerance that keeps the last frame's cost within the budget, never below the one asked for."""

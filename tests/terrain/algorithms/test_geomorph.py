@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from terrain.algorithms.culling import Culler
-from terrain.algorithms.geomorph import TileLevels, Tiles, tile_triangles
+from terrain.algorithms.geomorph import TileLevels, Tiles, automatic_tile_cells, tile_triangles
 from terrain.algorithms.morph_targets import build_morph_targets
 from terrain.camera import Camera
 from terrain.frame import Frame
@@ -226,6 +226,13 @@ def test_a_post_is_morphed_to_the_surface_of_the_next_coarser_level(shape) -> No
         np.testing.assert_allclose(posts[on_level, 1], surface[on_level], atol=1e-6)
     stays = (row | col) % 16 == 0
     np.testing.assert_array_equal(posts[stays, 1], posts[stays, 0])
+
+
+@pytest.mark.parametrize(
+    ("posts", "expected"), [(2, 8), (1025, 8), (2049, 8), (2050, 16), (4097, 16), (8193, 32), (16385, 64), (40001, 64)]
+)
+def test_automatic_tiles_are_the_smallest_of_which_there_are_not_too_many(posts, expected) -> None:
+    assert automatic_tile_cells((posts - 1, 1)) == automatic_tile_cells((1, posts - 1)) == expected
 
 
 def test_flat_ground_is_joined_to_a_handful_of_triangles() -> None:
