@@ -94,7 +94,8 @@ def rises_above_horizon(x: Grid, z: Grid, bottom: Grid, top: Grid, forward: npt.
 def _azimuths(x: Grid, z: Grid, forward: npt.NDArray[np.float64]) -> tuple[Grid, Grid]:
     """Least and greatest azimuth of the corners of boxes, in bins: 0 and AZIMUTH_BINS straight behind."""
     level = float(np.hypot(forward[0], forward[2]))
-    ahead_x, ahead_z = (forward[[0, 2]] / level).astype(np.float32) if level > 1e-9 else np.float32([0, -1])
+    ahead = forward[[0, 2]] / level if level > 1e-9 else np.array([0.0, -1.0])
+    ahead_x, ahead_z = ahead.astype(np.float32)
     along = ((ahead_x * x)[:, None] + (ahead_z * z)[None, :]).reshape(4, -1)
     across = ((-ahead_z * x)[:, None] + (ahead_x * z)[None, :]).reshape(4, -1)
     turn = np.abs(along)
