@@ -15,7 +15,8 @@ DOCK_SPACE = 0x5EC0FE  # any number, the same in every run: the kept layout refe
 SIDE_EM = {"left": 23.5, "right": 26.0}
 BOTTOM_EM = 14.0
 LEAST_FREE_EM = 24.0  # between the left and the right side; with less, all windows share the left
-FLOAT_EM, CASCADE_EM = (28.0, 19.0), 1.6  # of windows that are not docked: size, and from one to the next
+# Windows that are not docked: where the first appears, beside the left side; the next ones; their size.
+FLOAT_AT_EM, CASCADE_EM, FLOAT_EM = (26.0, 6.0), 1.6, (28.0, 19.0)
 
 
 class Rectangle(NamedTuple):
@@ -78,12 +79,15 @@ def keep_layout(preferences: PreferenceFile) -> None:
 
 
 def _draw_window(session: Session, window: Window, number: int) -> None:
-    em, free = imgui.get_font_size(), free_rectangle(session)
-    width, height = (extent * em for extent in FLOAT_EM)
-    corner = free.left + 2 * em + number * CASCADE_EM * em, free.top + 4 * em + number * CASCADE_EM * em
-    imgui.set_next_window_size((width, height), imgui.Cond_.first_use_ever)
-    imgui.set_next_window_pos(corner, imgui.Cond_.first_use_ever)
-    imgui.set_next_window_bg_alpha(WINDOW_OPACITY)
+    em, opacity = imgui.get_font_size(), WINDOW_OPACITY
+    if window.side == "float":
+        opacity = 1.0
+        step = CASCADE_EM * number
+        imgui.set_next_window_size((FLOAT_EM[0] * em, FLOAT_EM[1] * em), imgui.Cond_.first_use_ever)
+        imgui.set_next_window_pos(
+            ((FLOAT_AT_EM[0] + step) * em, (FLOAT_AT_EM[1] + step) * em), imgui.Cond_.first_use_ever
+        )
+    imgui.set_next_window_bg_alpha(opacity)
     with imgui_ctx.begin(window.title, True, imgui.WindowFlags_.no_focus_on_appearing) as shown:
         if shown.expanded:
             window.draw(session)

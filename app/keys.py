@@ -1,4 +1,4 @@
-"""The keys: one table for the window, the help overlay and the tests."""
+"""The keys: one table for the window, the menu, the help, the tests and the README (``python -m app.keys``)."""
 
 from __future__ import annotations
 
@@ -136,3 +136,40 @@ def _draws(session: Session, name: str) -> bool:
 
 def _shows(session: Session, view: str) -> bool:
     return bool(session.view == view)
+
+
+def help_rows() -> list[tuple[str, str]]:
+    """All keys and what they do, and what the mouse does."""
+    acts = [(binding.key, binding.help) for binding in bindings() if binding.key]
+    return [*_hand_rows(), *acts, *KEYBOARD_HELP]
+
+
+def keys_table() -> str:
+    """The same as a table of Markdown, two keys a row; algorithms and views take one row each."""
+    others = [(b.key, b.help) for b in bindings() if b.key and b.menu != "Algorithm" and b.key not in _view_keys()]
+    algorithms, views = ([b.key for b in bindings() if b.menu == "Algorithm"], _view_keys())
+    rows = [
+        *_hand_rows(),
+        (f"{algorithms[0]} ... {algorithms[-1]}", "choose the algorithm"),
+        (f"{views[0]} ... {views[-1]}", f"choose the view: {', '.join(view.title.lower() for view in VIEWS.values())}"),
+        *others,
+        *KEYBOARD_HELP,
+    ]
+    half = -(-len(rows) // 2)
+    pairs = zip(rows[:half], [*rows[half:], ("", "")], strict=False)
+    lines = [f"| {a} | {told_a} | {b} | {told_b} |" for (a, told_a), (b, told_b) in pairs]
+    return "\n".join(["| key | | key | |", "|---|---|---|---|", *lines])
+
+
+def _hand_rows() -> list[tuple[str, str]]:
+    """What is held, and what the mouse does."""
+    held = [(f"{plus} {minus}", told) for plus, minus, told in (HELD | LOOKED).values()]
+    return [*held, (FAST, "four times as fast"), *MOUSE_HELP]
+
+
+def _view_keys() -> list[str]:
+    return [f"F{number}" for number in range(1, len(VIEWS) + 1)]
+
+
+if __name__ == "__main__":
+    print(keys_table())

@@ -9,7 +9,7 @@ from imgui_bundle import imgui, imgui_ctx
 
 from app.docking import draw_windows, keep_layout, rescale_layout
 from app.gamepad import pad_help
-from app.keys import FAST, HELD, KEYBOARD_HELP, LOOKED, MOUSE_HELP, bindings
+from app.keys import help_rows
 from app.menu import draw_menu
 from app.overlay import draw_overlay
 from app.preferences import Preferences
@@ -123,18 +123,10 @@ def _draw_shader_errors(errors: Sequence[str]) -> None:
         imgui.pop_text_wrap_pos()
 
 
-def help_rows(session: Session) -> list[tuple[str, str]]:
-    """All keys and what they do, and what the mouse and a connected gamepad do."""
-    held = [(f"{plus} {minus}", told) for plus, minus, told in (HELD | LOOKED).values()]
-    acts = [(binding.key, binding.help) for binding in bindings() if binding.key]
-    pad = pad_help() if session.navigation.has_gamepad else []
-    return [*held, (FAST, "four times as fast"), *MOUSE_HELP, *acts, *KEYBOARD_HELP, *pad]
-
-
 def _draw_help(session: Session) -> None:
     """All keys at once, in the middle of the window."""
     em, size = imgui.get_font_size(), imgui.get_io().display_size
-    rows = help_rows(session)
+    rows = [*help_rows(), *(pad_help() if session.navigation.has_gamepad else [])]
     imgui.set_next_window_pos((size.x / 2, size.y / 2), 0, (0.5, 0.5))
     imgui.set_next_window_size_constraints((0.0, 0.0), size)
     imgui.set_next_window_bg_alpha(1.0)

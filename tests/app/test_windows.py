@@ -10,9 +10,9 @@ from ui_harness import AVAILABLE, UiHarness
 
 from app import gui
 from app.docking import free_rectangle
-from app.keys import bindings
+from app.keys import bindings, help_rows
 from app.menu import MENUS
-from app.panel import help_rows, status_lines
+from app.panel import status_lines
 from app.preferences import PreferenceFile, Preferences
 from app.theme import apply_theme
 from app.windows import WINDOWS
@@ -117,7 +117,7 @@ def test_all_windows_are_hidden_and_come_back(ui):
 
 
 def test_the_help_lists_every_key_and_fits_into_the_window(ui):
-    rows = help_rows(ui.session)
+    rows = help_rows()
     assert {binding.key for binding in bindings() if binding.key} <= {key for key, _ in rows}
 
     def steps(ctx):
