@@ -64,11 +64,13 @@ def render(args: argparse.Namespace) -> None:
             refuse_codec(args.codec)
     if args.positions is not None:
         refuse_existing(args.positions, args.overwrite)
-    heightfield = open_terrain(args)
+    with laboratory.told_progress():
+        heightfield = open_terrain(args)
     cameras, times_s = _render_cameras(args, heightfield, is_single)
     gpu = create_offscreen_gpu()
     library = open_library(drawing, heightfield)
-    stage = open_stage(gpu, heightfield, drawing, library)
+    with laboratory.told_progress():
+        stage = open_stage(gpu, heightfield, drawing, library)
     for note in library.notes:
         print(note)
     try:

@@ -13,6 +13,7 @@ from typing import Any
 from app import arguments
 from app.opening import open_terrain
 from terrain.errors import InputError
+from terrain.progress import listening
 
 CHART_SIZE_PX, CHART_FRAMES, CHART_TOLERANCES_PX = (1280, 720), 60, [0.5, 1.0, 2.0, 4.0, 8.0]
 HOSTILE = "hostile"  # what `check` takes where no terrain is named: the scenes made to break things
@@ -159,6 +160,16 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"Expected a folder to write to, found that {folder} cannot be made ({error}).") from None
+
+
+@contextmanager
+def told_progress() -> Iterator[None]:
+    """A bar for what is told in the block; nothing where nobody looks."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with _progress_bar() as show, listening(lambda doing, share: show(share, doing)):
+        yield
 
 
 @contextmanager

@@ -152,9 +152,11 @@ def open_stage(gpu: Any, heightfield: Heightfield, drawing: Drawing, library: An
 
     lines = None
     if drawing.breaklines is not None:
+        from terrain.algorithms.refined_cells import refuse_crowds
         from terrain.breaklines import read_breaklines
 
         lines = read_breaklines(drawing.breaklines, heightfield)
+        refuse_crowds(heightfield, lines)
     scene = open_scene(heightfield, planes_beside(heightfield), lines)
     if drawing.exaggeration != 1.0:
         scene = scene.exaggerated(drawing.exaggeration)

@@ -10,7 +10,7 @@ uniform int u_stride;
 
 // A little overlap [px] up and down, and to the sides, so that the wall is no line seen from above: the picture rounds
 // vertices, and leaves no pixel between wall and edge.
-const float OVERLAP = 0.05;
+const float OVERLAP = 0.03;
 const vec2 FACING[5] = vec2[](vec2(0.0), vec2(0.0, -1.0), vec2(0.0, 1.0), vec2(-1.0, 0.0), vec2(1.0, 0.0));
 
 void main() {

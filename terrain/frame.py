@@ -112,7 +112,7 @@ class Frame:
 class FrameStats:
     """What one frame cost. Counts are exact; a figure that was not measured stays None.
 
-    ``pending`` tells that something better is being made aside: the same view drawn later may show it.
+    ``pending`` says in words what better thing is being made aside: the same view drawn later may show it.
     ``frame_ms`` is the whole frame as measured by who presents it. ``extra`` holds figures of one algorithm only, keyed
     by a short label for the panel (``"tiles"``, ``"fans"`` ...).
     """
@@ -128,5 +128,5 @@ class FrameStats:
     submit_ms: float | None = None
     gpu_ms: float | None = None
     frame_ms: float | None = None
-    pending: bool = False
+    pending: str = ""
     extra: dict[str, float] = field(default_factory=dict)

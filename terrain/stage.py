@@ -200,7 +200,7 @@ class Stage:
         parts = {
             "reading images": self.trees.is_loading,
             "baking light": not self._ground.is_done,
-            "refining patches": bool(self.renderer.stats.pending),
+            self.renderer.stats.pending: bool(self.renderer.stats.pending),
         }
         return [words for words, is_on in parts.items() if is_on]
 

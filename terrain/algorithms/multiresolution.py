@@ -39,7 +39,7 @@ SPLIT_RATIO = 16.0  # a patch nearer than this many times its size is split: its
 MICROSTRUCTURE_SHARE = 0.15  # the paper: "about 15 % of the reference grid cells exhibit morphologically complex parts"
 MARGIN = 0.97  # of the tolerance is used: 99.9 % of the pixels then stay within 0.8 of it on any terrain tried
 PREVIEW_STRIDE = 4
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 REFINED = -1  # the rung of refined patches: they have every post
 LINES_SHARE = 0.5  # of the tolerance: lines that would shift the surface by less are left out
 

@@ -123,15 +123,11 @@ def refine_cells(
     Raises
     ------
     InputError
-        If lines crowd in one cell.
+        As `refuse_crowds`.
     """
+    refuse_crowds(heightfield, breaklines)
     pieces, height_of = _cut_lines(heightfield, breaklines)
     cells = _group_by_cell(pieces, height_of, heightfield)
-    if crowded := [cell for cell, (_, inside) in cells.items() if len(inside) > MOST_PIECES]:
-        raise InputError(
-            f"Expected at most {MOST_PIECES} pieces of lines in one cell of the terrain, found more in {len(crowded)} "
-            f"cells of {breaklines.name}: simplify the lines first."
-        )
     triangles = {cell: _triangulate(cell, points, inside, height_of) for cell, (points, inside) in cells.items()}
     number = _Numbers(height_of, padded_shape)
     patches = np.unique(np.array(list(cells), np.int64).reshape(-1, 2) // PATCH_CELLS, axis=0)
@@ -144,6 +140,27 @@ def refine_cells(
         _departures(heightfield, cells, height_of, padded_shape, top_level), np.array(lowest).reshape(-1, 2),
         len(cells), sum(map(len, triangles.values())),
     )  # fmt: skip
+
+
+def refuse_crowds(heightfield: Heightfield, breaklines: Breaklines) -> None:
+    """Check that lines leave the cells they cross room for triangles.
+
+    Raises
+    ------
+    InputError
+        If more than `MOST_PIECES` pieces of lines lie in one cell.
+    """
+    places = [np.empty(0, np.int64)]
+    for line in breaklines.lines:
+        owner, points, _ = _cut_line(line, heightfield)
+        middle = (points[1:] + points[:-1])[owner[1:] == owner[:-1]] / 2.0
+        places.append(middle[:, 1].astype(np.int64) * heightfield.cols + middle[:, 0].astype(np.int64))
+    _, counts = np.unique(np.concatenate(places), return_counts=True)
+    if (most := int(counts.max(initial=0))) > MOST_PIECES:
+        raise InputError(
+            f"Expected at most {MOST_PIECES} pieces of lines in one cell of the terrain, found {most} in "
+            f"{breaklines.name}: simplify the lines first."
+        )
 
 
 def _cut_lines(heightfield: Heightfield, breaklines: Breaklines) -> tuple[list[Piece], dict[Point, float]]:

@@ -27,6 +27,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from terrain.progress import tell
+
 Grid = npt.NDArray[np.float32]
 Rungs = npt.NDArray[np.uint8]
 
@@ -41,7 +43,7 @@ class Ladder:
     Attributes
     ----------
     exact_m : float
-        Error of rung 0: what float32 heights cannot tell apart.
+        Error of rung 0: what float32 cannot tell apart in the relief.
     base_m : float
         Error of rung 1.
     """
@@ -108,8 +110,9 @@ def build_rtin(heights_m: Grid, spacing_m: tuple[float, float], top_level: int) 
     rows, cols = heights_m.shape
     size = 1 << top_level
     padded_rows, padded_cols = padded_shape(rows, cols, top_level)
-    scale = max(float(np.abs(heights_m).max()), float(np.finfo(np.float32).tiny))
-    ladder = Ladder(exact_m=scale * 2.0**-21, base_m=max(float(min(spacing_m)) / 256.0, scale * 2.0**-20))
+    # Heights are compared with each other only, so that it is the relief that says what float32 can tell apart.
+    relief_m = max(float(heights_m.max()) - float(heights_m.min()), float(np.finfo(np.float32).tiny))
+    ladder = Ladder(exact_m=relief_m * 2.0**-21, base_m=max(float(min(spacing_m)) / 256.0, relief_m * 2.0**-20))
     drop_rung = np.zeros((padded_rows, padded_cols), np.uint8)
     drop_rung[::size, ::size] = 255
 
@@ -125,7 +128,8 @@ def build_rtin(heights_m: Grid, spacing_m: tuple[float, float], top_level: int) 
 
     starts = range(0, padded_rows - 1, size)
     with ThreadPoolExecutor() as pool:  # numpy releases the GIL inside the bands
-        for first, levels in zip(starts, pool.map(band, starts), strict=True):
+        for number, (first, levels) in enumerate(zip(starts, pool.map(band, starts), strict=True)):
+            tell("building the approximation tree", number / len(starts))
             strip = drop_rung[first : first + size + 1]
             for level, (centre, north, south, west, east) in enumerate(levels, 1):
                 step, half = 1 << level, 1 << (level - 1)

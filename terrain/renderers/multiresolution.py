@@ -32,6 +32,7 @@ from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
 from terrain.gpu.geometry import Geometry
 from terrain.gpu.programs import UNITS
 from terrain.heightfield import Diagonal
+from terrain.progress import listening
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
 from terrain.scene import Scene
@@ -84,9 +85,7 @@ class MultiresolutionRenderer:
         self._uploaded_for: Any = None  # the settings at the last upload
         self._culler = Culler(scene, FINEST_LEVEL)
         self._worker = ThreadPoolExecutor(1, "approximation-tree")
-        self._coming: Future[ApproximationTree] | None = self._worker.submit(
-            load_tree, scene.heightfield, scene.breaklines
-        )
+        self._doing = ""  # what the worker says
         self._pool: PatchPool | None = None
         self._tins: tuple[Patches, Future[list[Any]] | None] = _NO_PATCHES, None  # being triangulated
         self._indices = gpu.ctx.buffer(reserve=4, dynamic=True)
@@ -98,6 +97,13 @@ class MultiresolutionRenderer:
         self._nodes: Nodes | None = None
         self._counts = 0, 0  # triangles of patches and of walls
         self._by_rung = False  # how the patches in the index buffer are sorted: for the levels view by rung
+        self._coming: Future[ApproximationTree] | None = None
+        if settings.preview:
+            self._use(build_preview(scene.heightfield))
+            self._coming = self._worker.submit(self._load)
+        else:
+            self._use(load_tree(scene.heightfield, scene.breaklines))
+        self.stats.prepare_s = time.perf_counter() - self._begun
 
     def select(self, frame: Frame) -> None:
         settings = self.settings
@@ -112,7 +118,7 @@ class MultiresolutionRenderer:
         rests = self._patches is not None and all(map(np.array_equal, patches, self._patches))
         refined = self._add_tins(pool, patches) if settings.tins else False
         self._patches = patches
-        self.stats.pending = self._coming is not None or self._tins[1] is not None
+        self.stats.pending = self._doing if self._coming is not None else "making TINs" if self._tins[1] else ""
         self.stats.uploaded_bytes = 0
         if not rests or refined or self._by_rung or settings != self._uploaded_for:
             self._upload(patches)
@@ -149,14 +155,22 @@ class MultiresolutionRenderer:
         refined = self._current_pool().tree.refined
         return (0, 0) if refined is None else (refined.cell_count, refined.cell_triangles)
 
+    def _load(self) -> ApproximationTree:
+        """The tree, built aside; says how far it is."""
+
+        def hear(doing: str, share: float) -> None:
+            self._doing = f"{doing}, {share:.0%}"
+
+        self._doing = "building the approximation tree"
+        with listening(hear):
+            return load_tree(self._scene.heightfield, self._scene.breaklines)
+
     def _current_pool(self) -> PatchPool:
         """The meshes of the tree, or of its preview while the tree is being built."""
-        if self._coming is not None and (not self.settings.preview or self._coming.done()):
-            self._use(self._coming.result())
-            self._coming = None
+        if self._coming is not None and self._coming.done():
+            tree, self._coming = self._coming.result(), None
+            self._use(tree)
             self.stats.prepare_s = time.perf_counter() - self._begun
-        if self._pool is None:
-            self._use(build_preview(self._scene.heightfield))
         assert self._pool is not None
         return self._pool
 
