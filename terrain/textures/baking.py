@@ -36,7 +36,7 @@ from terrain.textures.palettes import read_palette
 NADIR = Frame(Camera((0.0, 0.0, 0.0)), (1, 1))  # a bake has no camera
 NONE: Mapping[str, object] = {}
 COARSE_TEXELS = 512  # per side at most: where open sky and far shadows are found
-TILE_POSTS = 256
+TILE_POSTS = 128  # a few milliseconds on a software rasteriser
 NEUTRAL = 0.5  # texel of light that changes nothing
 RULES: Mapping[str, str] = {
     "sunlight": "the sun with the shadows it casts, and the open sky",
@@ -110,7 +110,7 @@ class Baker:
         self._turn = 0
         self._design: Design | None = None
         self._generation = gpu.programs.generation
-        self._tile_ms = 0.0  # what a tile costs here, measured when all are baked
+        self._tile_ms = 0.0  # what a tile costs here; measured when it matters
 
     @property
     def is_done(self) -> bool:
@@ -157,18 +157,25 @@ class Baker:
         self._turn += 1
         stale = np.flatnonzero(self._is_stale)
         if is_first or math.isinf(budget_ms):
-            begin = time.perf_counter()
             parts = [(0, 0, *self.colour.size)] if len(stale) == len(self._tiles) else self._rects(stale)
             self._bake_parts(design, parts)
-            if is_first:
-                self._gpu.ctx.finish()
-                self._tile_ms = 1e3 * (time.perf_counter() - begin) / len(self._tiles)
         else:
+            if not self._tile_ms:
+                self._tile_ms = self._measure_tile(design)
             order = bake_order(self._tiles[stale], self._baked_at[stale], self._heightfield, frame)
             stale = stale[order][: max(1, int(budget_ms / max(self._tile_ms, 1e-3)))]
             self._bake_parts(design, self._rects(stale))
         self._baked_at[stale] = self._turn
         self._is_stale[stale] = False
+
+    def _measure_tile(self, design: Design) -> float:
+        """What a tile costs here [ms]; baked twice, since the first time may compile shaders."""
+        for _ in range(2):
+            self._gpu.ctx.finish()
+            begin = time.perf_counter()
+            self._bake_parts(design, self._rects(np.array([len(self._tiles) // 2])))
+            self._gpu.ctx.finish()
+        return 1e3 * (time.perf_counter() - begin)
 
     def _rects(self, tiles: npt.NDArray[np.intp]) -> list[Rect]:
         return [(x, y, width, height) for x, y, width, height in self._tiles[tiles].tolist()]
@@ -176,8 +183,6 @@ class Baker:
     def _bind_sources(self, palette_name: str) -> None:
         """What the shaders read; open sky is found once per terrain."""
         self._heights.use(UNITS["u_heights"])
-        if self._mask is not None:
-            self._mask.use(UNITS["u_source"])
         if self._palette is None or self._palette[0] != palette_name:
             if self._palette is not None:
                 self._palette[1].release()
@@ -215,6 +220,8 @@ class Baker:
         defines = {f"RULE_{design.rule.upper()}": 1}
         if self.light is not None:
             defines["LIGHT"] = 1
+        if self._mask is not None:
+            self._mask.use(UNITS["u_source"])  # which mip levels use too
         self._pass("bake_ground", self._framebuffer, parts, {"u_tint_range": (low, 1.0 / span, 0.0, 0.0)}, defines)
         for mipmaps in self._mipmaps:
             mipmaps.update(parts)
