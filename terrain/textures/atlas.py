@@ -76,27 +76,23 @@ class Atlas:
 class PageTables:
     """An entry per cell and tree: in which layer of the atlas to look, and where for which pixel."""
 
-    def __init__(self, gpu: Gpu, trees: int) -> None:
-        self._gpu, self._trees = gpu, trees
+    def __init__(self, gpu: Gpu) -> None:
+        self._gpu = gpu
         self._texture: moderngl.TextureArray | None = None
         self._written: dict[int, Table] = {}  # as the GPU has them
 
-    def write(self, tree: int, table: Table) -> None:
-        """Give a tree its table (rows, cols, 4); only rows that changed are uploaded."""
-        self._make_room(table.shape[1], table.shape[0])
-        assert self._texture is not None
+    def write(self, tree: int, table: Table, first: int, last: int) -> None:
+        """Bring the rows [first, last) of a tree's table (rows, cols, 4) up to date; all of it the first time."""
+        self._make_room(table.shape[1], table.shape[0], tree + 1)
         old = self._written.get(tree)
         if old is None or old.shape != table.shape:
+            self._written[tree] = table.copy()
             first, last = 0, len(table)
+        elif np.array_equal(old[first:last], table[first:last]):
+            return
         else:
-            changed = np.flatnonzero((old != table).any(axis=(1, 2)))
-            if not len(changed):
-                return
-            first, last = int(changed[0]), int(changed[-1]) + 1
-        self._texture.write(
-            np.ascontiguousarray(table[first:last]), viewport=(0, first, tree, table.shape[1], last - first, 1)
-        )
-        self._written[tree] = table
+            old[first:last] = table[first:last]
+        self._upload(tree, first, last)
 
     def drop(self, tree: int) -> None:
         """Forget the table of a tree that is no more."""
@@ -112,18 +108,23 @@ class PageTables:
             self._texture = None
         self._written.clear()
 
-    def _make_room(self, cols: int, rows: int) -> None:
+    def _upload(self, tree: int, first: int, last: int) -> None:
+        assert self._texture is not None
+        rows = np.ascontiguousarray(self._written[tree][first:last])
+        self._texture.write(rows, viewport=(0, first, tree, rows.shape[1], last - first, 1))
+
+    def _make_room(self, cols: int, rows: int, trees: int) -> None:
+        """Have a texture of at least that size, with all tables that were written."""
         old = self._texture
-        if old is not None and cols <= old.width and rows <= old.height:
-            return
-        size = (max(cols, old.width if old else 1), max(rows, old.height if old else 1))
-        kept = self._written
-        self.release()
-        self._texture = self._gpu.ctx.texture_array((*size, self._trees), 4, dtype="f4")
+        if old is not None:
+            if cols <= old.width and rows <= old.height and trees <= old.layers:
+                return
+            cols, rows, trees = max(cols, old.width), max(rows, old.height), max(trees, old.layers)
+            old.release()
+        self._texture = self._gpu.ctx.texture_array((cols, rows, trees), 4, dtype="f4")
         self._texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._written = {}
-        for tree, table in kept.items():
-            self.write(tree, table)
+        for tree, table in self._written.items():
+            self._upload(tree, 0, len(table))
 
 
 def slot_places(slots: Ints) -> Ints:

@@ -41,6 +41,27 @@ class _Member:
     handle: int
     selection: Selection
     missing: Ints
+    drawn: Ints  # the cells that the table shows as something else than the root
+    root: int = FAILED  # slot of the root in the table; at first none was written
+    table: Table | None = None
+
+    def draw_table(self) -> tuple[Table, int, int]:
+        """The page table: what is shown in the visible cells, and the root elsewhere; which rows may have changed."""
+        pages, cell, root = self.pages, self.selection.cell, int(self.pages.slot[-1])
+        rows, cols = pages.tree.shapes[0].tolist()
+        if self.table is None or root != self.root:
+            self.drawn = np.arange(rows * cols)
+            self.table = np.empty((rows, cols, 4), np.float32)
+            self.root = root
+        table = self.table.reshape(-1, 4)
+        back, top = self.drawn, np.full(len(self.drawn), pages.tree.top_level)
+        table[back] = page_entries(np.full(len(back), root), top, back // cols, back % cols)
+        table[cell] = page_entries(*pages.shown(self.selection), cell // cols, cell % cols)
+        self.drawn = cell
+        # Both lists are sorted.
+        ends = [part[[0, -1]] // cols for part in (back, cell) if len(part)]
+        first, last = (int(np.min(ends)), int(np.max(ends)) + 1) if ends else (0, 0)
+        return self.table, first, last
 
 
 class Trees:
@@ -65,7 +86,7 @@ class Trees:
     ) -> None:  # fmt: skip
         self._gpu, self._spacing_m, self._grid = gpu, spacing_m, grid
         self._members: dict[int, _Member] = {}
-        self._atlas, self._tables = Atlas(gpu, budget_bytes), PageTables(gpu, TREE_LIMIT)
+        self._atlas, self._tables = Atlas(gpu, budget_bytes), PageTables(gpu)
         self._slots = Slots(0)
         self._stream = TileStream(workers)
         self._block = gpu.ctx.buffer(reserve=TREE_LIMIT * 3 * 16, dynamic=True)
@@ -86,7 +107,7 @@ class Trees:
         none = np.zeros(0, np.int64)
         self._handles += 1
         pages = Pages(tree)
-        self._members[free[0]] = _Member(source, pages, self._handles, Selection(none, none, none), none)
+        self._members[free[0]] = _Member(source, pages, self._handles, Selection(none, none, none), none, none)
         self._atlas.grow(sum(member.pages.tree.tile_count for member in self._members.values()))
         self._slots.grow(self._atlas.slots)
         self._write_block()
@@ -144,7 +165,7 @@ class Trees:
         self._upload()
         self._ask()
         for number, member in self._members.items():
-            self._tables.write(number, _page_table(member))
+            self._tables.write(number, *member.draw_table())
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until a tile has been read, or for ``timeout_s``."""
@@ -276,14 +297,3 @@ class Trees:
             block[number, :2, :3] = np.diag(tree.size_px) @ tree.image_from_post @ post_from_ground
             block[number, 2, :2] = np.array(tree.size_px) * (1.0 - EDGE)
         self._block.write(block.tobytes())
-
-
-def _page_table(member: _Member) -> Table:
-    """(rows, cols, 4): what is shown in the visible cells, and the root everywhere else."""
-    pages, cell = member.pages, member.selection.cell
-    tree, shape = pages.tree, member.pages.tree.shapes[0]
-    every = np.indices(shape).reshape(2, -1)
-    top = np.full(every.shape[1], tree.top_level)
-    table = page_entries(np.full(top.shape, pages.slot[-1]), top, every[0], every[1])
-    table[cell] = page_entries(*pages.shown(member.selection), every[0, cell], every[1, cell])
-    return table.reshape(*shape, 4)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from app.controls import Inputs
 from app.framing import clearance_above, frame_terrain, least_clearance_m
 from app.session import SETTLE_S
 from terrain.camera import Camera
+from terrain.textures.array_source import ArraySource, whole_extent
 
 FORWARD, NOTHING = Inputs(forward=1.0), Inputs()
 
@@ -124,3 +127,30 @@ def test_the_eye_never_enters_the_ground(session):
         session.advance(FORWARD, 1 / 30)
         clearance = clearance_above(session.heightfield)(*session.camera.position_m)
         assert clearance >= 0.999 * least_clearance_m(session.heightfield)
+
+
+def test_the_picture_is_drawn_again_until_its_images_are_there(session):
+    class Slow(ArraySource):
+        gate = threading.Event()
+
+        def read_tile(self, level, row, col):
+            self.gate.wait(10.0)
+            return super().read_tile(level, row, col)
+
+    source = Slow("red", np.full((300, 300, 3), (200, 0, 0), np.uint8), whole_extent(session.heightfield))
+    let_settle(session)
+    before = session.picture.read()[..., :3].copy()
+    session.stage.set_images([source])
+    session.touch()
+    for _ in range(3):
+        session.draw((64, 36))
+        let_settle(session)
+    assert not session.is_still  # long after the change
+    assert np.array_equal(session.picture.read()[..., :3], before)  # and the window never waited
+    source.gate.set()
+    until_s = time.monotonic() + 10.0
+    while not session.is_still and time.monotonic() < until_s:
+        session.draw((64, 36))
+        session.advance(NOTHING, SETTLE_S)
+    assert session.is_still
+    assert session.picture.read()[30, 32, 0] > 2 * session.picture.read()[30, 32, 1]

@@ -261,6 +261,19 @@ def test_changed_content_is_read_again_and_the_old_shown_meanwhile(staged):
     assert np.abs(stage.render(camera, SIZE_PX)[50, 80].astype(int) - 180).max() <= 2
 
 
+def test_a_larger_image_that_comes_takes_nothing_from_the_others(staged):
+    terrain = flat()
+    small, large = (
+        ArraySource("", np.full((*size, 3), 90, np.uint8), whole_extent(terrain)) for size in ((600, 600), (3000, 3000))
+    )
+    stage = staged(small, terrain=terrain)
+    camera = oblique()
+    before = stage.render(camera, SIZE_PX)
+    stage.trees.add(large)  # the tables must grow for it; nothing of it is resident yet
+    stage.trees._stream.release()
+    assert np.array_equal(draw_once(stage, camera), before)
+
+
 def test_images_may_come_and_go_and_the_budget_may_change(staged):
     terrain = flat()
     coded, small = CodedSource(terrain, (2000, 2000)), CodedSource(terrain, (100, 3000))
