@@ -86,13 +86,15 @@ def read_inputs(focused: bool = True) -> Inputs:
         return inputs
     pointer = (io.mouse_pos.x / max(io.display_size.x, 1.0), io.mouse_pos.y / max(io.display_size.y, 1.0))
     inputs = replace(inputs, pointer=pointer, wheel=io.mouse_wheel, double_clicked=imgui.is_mouse_double_clicked(0))
+    stays = io.mouse_drag_max_distance_sqr[0] < io.mouse_drag_threshold**2
     if imgui.is_mouse_released(0) and not io.mouse_down_owned[0]:
-        stayed = io.mouse_drag_max_distance_sqr[0] < io.mouse_drag_threshold**2
-        inputs = replace(inputs, clicked=bool(stayed and io.mouse_clicked_last_count[0] == 1))
+        inputs = replace(inputs, clicked=bool(stays and io.mouse_clicked_last_count[0] == 1))
     for number, button in enumerate(BUTTONS):
         if imgui.is_mouse_down(number):
-            # No travel in the frame of the click itself: that led to where the drag begins.
-            travel = (0.0, 0.0) if imgui.is_mouse_clicked(number) else (io.mouse_delta.x, io.mouse_delta.y)
+            # No travel in the frame of the click itself, which led to where the drag begins; no trembling while one
+            # double-clicks, which would break off the flight that it begins.
+            rests = imgui.is_mouse_clicked(number) or (number == 0 and io.mouse_clicked_last_count[0] == 2 and stays)
+            travel = (0.0, 0.0) if rests else (io.mouse_delta.x, io.mouse_delta.y)
             return replace(inputs, button=button, look_px=travel)
     return inputs
 

@@ -144,8 +144,8 @@ class Navigation:
             self._grasped_m = None
         elif inputs.pointer is not None:
             self._orbit_with_mouse(inputs)
-        if inputs.wheel and inputs.pointer is not None:
-            self._zoom_m = self._point_or_beyond(inputs.pointer)
+        if inputs.wheel:
+            self._zoom_m = self._point_or_beyond(inputs.pointer or MIDDLE)  # a gamepad has no pointer
             self._nearer += inputs.wheel * NEARER_PER_NOTCH
         if self._nearer != 0.0:
             self._zoom_on(dt_s)

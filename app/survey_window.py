@@ -94,7 +94,7 @@ def _draw_profile(session: Session, profile: Profile) -> None:
     room = max(0.08 * (high - low), 0.5)
     implot.setup_axes_limits(0.0, scale * profile.length_m, low - room, high + room, imgui.Cond_.always)
     distance = scale * profile.distance_m
-    spec = implot.Spec(line_color=GROUND_COLOUR, line_weight=2.0, fill_color=GROUND_COLOUR, fill_alpha=0.15)
+    spec = implot.Spec(line_color=GROUND_COLOUR, line_weight=2.0, fill_color=GROUND_COLOUR, fill_alpha=0.3)
     implot.plot_shaded("##Ground", distance, profile.height_m, low - room, spec)
     implot.plot_line("##Line", distance, profile.height_m, spec)
     hovered = None

@@ -95,6 +95,22 @@ def test_a_double_click_flies_there_and_picks_once(ui):
     ui.run(steps)
 
 
+def test_a_trembling_hand_does_not_break_off_the_flight_of_a_double_click(ui):
+    io = imgui.get_io()
+    io.add_mouse_pos_event(*HERE)
+    for is_down, travel in ((True, 0.0), (False, 0.0), (True, 0.0), (True, 2.0), (True, -1.0), (False, 1.0)):
+        io.add_mouse_pos_event(HERE[0] + travel, HERE[1])
+        io.add_mouse_button_event(0, is_down)
+        ui.frame()
+    assert ui.session.navigation.passage is not None
+    assert ui.session.survey.spot_m is not None
+    for travel in (0.0, 4.0):
+        io.add_mouse_pos_event(HERE[0] + travel, HERE[1])
+        io.add_mouse_button_event(0, True)
+        ui.frame()
+    assert ui.session.navigation.passage is None
+
+
 def test_orbiting_drags_turn_and_move_what_is_below_the_mouse(ui):
     session = ui.session
     session.navigation.choose_mode("orbit")
