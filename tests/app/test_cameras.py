@@ -128,6 +128,15 @@ def test_panning_never_runs_away_towards_the_horizon(view, pointer):
     assert np.linalg.norm(after.eye_m - camera.eye_m) < 60.0 * distance
 
 
+def test_what_is_grasped_cannot_be_pulled_beyond_the_horizon():
+    camera, point = Camera((0.0, 100.0, 0.0), pitch_deg=-10.0), np.array([0.0, 0.0, -300.0])
+    ends = [pan(camera, point, (0.5, v), ASPECT, anywhere).position_m for v in (0.36, 0.3, 0.0)]
+    for x, y, z in ends:
+        assert x == pytest.approx(0.0, abs=1e-6)
+        assert y == pytest.approx(100.0)
+        assert 0.0 < z < 2000.0  # drawn up, the ground goes away from the eye
+
+
 @some
 @given(views(), st.floats(-3.0, 3.0))
 def test_zooming_keeps_the_point_below_the_mouse(view, nearer):

@@ -70,6 +70,19 @@ def test_a_zoom_comes_equally_near_at_any_frame_rate(session, fps):
     assert np.linalg.norm(point - session.camera.eye_m) == pytest.approx(distance / 1.25, rel=1e-4)
 
 
+def test_a_zoom_under_way_is_equally_near_at_any_frame_rate(session):
+    session.navigation.choose_mode("orbit")
+    start, eyes = session.camera, []
+    for fps in (20, 100):
+        session.camera = start
+        session.navigation.rest()
+        session.advance(Inputs(wheel=1.0, pointer=GROUND), 1 / fps)
+        advance(session, seconds=0.1 - 1 / fps, fps=fps)
+        eyes.append(session.camera.eye_m)
+        assert session.navigation.is_moving
+    assert np.linalg.norm(eyes[0] - eyes[1]) < 1e-3 * np.linalg.norm(eyes[0] - start.eye_m)
+
+
 def test_orbiting_over_the_sky_turns_about_a_point_as_far_as_the_terrain(session):
     session.navigation.choose_mode("orbit")
     before = session.camera

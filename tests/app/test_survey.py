@@ -85,6 +85,24 @@ def test_two_clicks_measure_too_and_a_third_begins_anew(session):
     assert session.survey.ends_m == [spot_under(session, ONE)]
 
 
+def test_a_click_that_trembles_marks_one_end(session):
+    session.survey.toggle_measuring()
+    drag(session, ONE, (ONE[0] + 0.002, ONE[1] - 0.002))
+    assert session.survey.ends_m == [spot_under(session, ONE)]
+
+
+def test_no_line_is_drawn_across_a_gap(session):
+    survey = session.survey
+    survey.toggle_measuring()
+    drag(session, ONE, OTHER)
+    frame = session.stage.frame(session.camera, (64, 36))
+    whole = survey._line_segments(frame, survey.profile)
+    survey.profile.height_m[survey.profile.height_m.size // 2] = np.nan
+    broken = survey._line_segments(frame, survey.profile)
+    assert np.isfinite(broken).all()
+    assert len(broken) == len(whole) - 2
+
+
 def test_without_a_mouse_the_middle_is_picked_and_measured(session):
     survey = session.survey
     session.camera = replace(session.camera, pitch_deg=-30.0)
