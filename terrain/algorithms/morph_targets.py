@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+import os
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +16,14 @@ import numpy.typing as npt
 Grid = npt.NDArray[np.float32]
 
 
-def build_morph_targets(heights_m: Grid, cells: int) -> Grid:
-    """Height of every post, and the height it is morphed to (table 3): (rows, cols, 2) float32.
+def morph_targets_shape(heights_shape: tuple[int, int], cells: int) -> tuple[int, int]:
+    """Rows and columns of posts, padded to whole tiles of ``cells`` cells."""
+    rows, cols = (n + -(n - 1) % cells for n in heights_shape)
+    return rows, cols
+
+
+def build_morph_targets(heights_m: Grid, cells: int) -> Iterator[tuple[int, Grid]]:
+    """Height of every post, and the height it is morphed to (table 3), band by band from north to south.
 
     A post belongs to the levels up to the one at which its row or column becomes odd, and is morphed at that level
     only: an edge midpoint to the middle of its edge, a centre to the middle of its cell's diagonal. So one height per
@@ -25,21 +34,35 @@ def build_morph_targets(heights_m: Grid, cells: int) -> Grid:
     heights_m : ndarray of float32, (rows, cols)
     cells : int
         Cells along the largest tiles; the grid is padded to whole ones by repeating its last row and column.
+
+    Yields
+    ------
+    int
+        The first row of a band of ``cells`` + 1 rows; the last is the first of the next band again.
+    ndarray of float32, (cells + 1, padded cols, 2)
     """
-    pad = [(0, -(n - 1) % cells) for n in heights_m.shape]
-    posts = np.pad(heights_m, pad, mode="edge")
-    result = np.empty((*posts.shape, 2), np.float32)
-    with ThreadPoolExecutor() as pool:  # bands of one row of tiles stay in the processor's cache
-        list(pool.map(lambda row: _morph_band(posts, result, row, cells), range(0, posts.shape[0] - 1, cells)))
-    return result
+    rows, _ = morph_targets_shape(heights_m.shape, cells)
+    at_work: deque[tuple[int, Future[Grid]]] = deque()
+    workers = os.cpu_count() or 1
+    with ThreadPoolExecutor(workers) as pool:  # numpy releases the GIL; the caller uploads meanwhile
+        for first in range(0, rows - 1, cells):
+            at_work.append((first, pool.submit(_morph_band, heights_m, first, cells)))
+            if len(at_work) > workers:
+                row, band = at_work.popleft()
+                yield row, band.result()
+        for row, band in at_work:
+            yield row, band.result()
 
 
-def _morph_band(posts: Grid, result: Grid, first: int, cells: int) -> None:
-    """Fill rows ``first`` to ``first + cells``; the last is shared with the next band, which writes the same."""
-    band, half = posts[first : first + cells + 1], np.float32(0.5)
-    result[first : first + cells + 1, :, 0] = band
-    target = result[first : first + cells + 1, :, 1]
-    target[...] = band
+def _morph_band(heights_m: Grid, first: int, cells: int) -> Grid:
+    """The band of rows ``first`` to ``first + cells``."""
+    band = heights_m[first : first + cells + 1]
+    missing = (0, cells + 1 - band.shape[0]), (0, -(band.shape[1] - 1) % cells)
+    if missing != ((0, 0), (0, 0)):
+        band = np.pad(band, missing, mode="edge")
+    result = np.empty((*band.shape, 2), np.float32)
+    result[:, :, 0] = result[:, :, 1] = band
+    target, half = result[:, :, 1], np.float32(0.5)
     for level in range(cells.bit_length() - 1):
         size, step = 1 << level, 2 << level
         grid = band[::size, ::size]
@@ -48,3 +71,4 @@ def _morph_band(posts: Grid, result: Grid, first: int, cells: int) -> None:
         target[size::step, ::step] = half * (grid[:-1:2, ::2] + grid[2::2, ::2])
         even = np.add.outer(np.arange(nw.shape[0]) + first // step, np.arange(nw.shape[1])) % 2 == 0
         target[size::step, size::step] = half * np.where(even, nw + se, sw + ne)
+    return result

@@ -11,7 +11,7 @@ import numpy as np
 
 from terrain.algorithms.culling import Culler
 from terrain.algorithms.geomorph import TileLevels, Tiles, automatic_tile_cells, tile_triangles
-from terrain.algorithms.morph_targets import build_morph_targets
+from terrain.algorithms.morph_targets import build_morph_targets, morph_targets_shape
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import GL_CLIP_DISTANCE0, Gpu
 from terrain.gpu.geometry import Geometry
@@ -80,8 +80,11 @@ class GeomorphRenderer:
         self._index_buffers = [gpu.ctx.buffer(mesh.tobytes()) for mesh in meshes]
         self._instances = [gpu.ctx.buffer(reserve=4 * RECORD_WORDS, dynamic=True) for _ in meshes]
         size = 1 << self._levels.tiers[-1].size_level
-        posts = build_morph_targets(scene.heightfield.heights_m, size)
-        self._posts = gpu.ctx.texture(posts.shape[1::-1], 2, posts.data, dtype="f4")
+        heights_m = scene.heightfield.heights_m
+        rows, cols = morph_targets_shape(heights_m.shape, size)
+        self._posts = gpu.ctx.texture((cols, rows), 2, dtype="f4")
+        for row, band in build_morph_targets(heights_m, size):
+            self._posts.write(band, viewport=(0, row, cols, len(band)))
         self._posts.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._overhangs = any(n % size for n in scene.pyramid.cells)
         defines = {"CLIP_EDGES": 1} if self._overhangs else {}
@@ -95,7 +98,7 @@ class GeomorphRenderer:
         self._counts = np.zeros(len(meshes), np.int64)  # tiles per mesh of 2^k cells per side
         self._tolerance_px = settings.tolerance_px
         self._excess, self._gain = 0.0, LARGEST_GAIN
-        self._static_bytes = posts.nbytes + sum(mesh.nbytes for mesh in meshes)
+        self._static_bytes = 8 * rows * cols + sum(mesh.nbytes for mesh in meshes)
 
     def select(self, frame: Frame) -> None:
         settings = self.settings

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from terrain.algorithms.culling import Culler
 from terrain.algorithms.geomorph import TileLevels, Tiles, automatic_tile_cells, tile_triangles
-from terrain.algorithms.morph_targets import build_morph_targets
+from terrain.algorithms.morph_targets import build_morph_targets, morph_targets_shape
 from terrain.camera import Camera
 from terrain.frame import Frame
 from terrain.heightfield import Heightfield, surface_heights
@@ -215,8 +215,13 @@ def test_tiles_cover_each_visible_cell_exactly_once_within_the_grid() -> None:
 @pytest.mark.parametrize("shape", [(33, 65), (40, 51), (2, 2)])
 def test_a_post_is_morphed_to_the_surface_of_the_next_coarser_level(shape) -> None:
     heights = np.random.default_rng(3).normal(size=shape).astype(np.float32)
-    posts = build_morph_targets(heights, 16)
-    assert all((n - 1) % 16 == 0 for n in posts.shape[:2])
+    rows, cols = morph_targets_shape(shape, 16)
+    assert all((n - 1) % 16 == 0 and 0 <= n - m < 16 for n, m in zip((rows, cols), shape, strict=True))
+    posts = np.full((rows, cols, 2), np.nan, np.float32)
+    for row, band in build_morph_targets(heights, 16):
+        shared = posts[row : row + 1]
+        np.testing.assert_array_equal(np.where(np.isnan(shared), band[:1], shared), band[:1])
+        posts[row : row + 17] = band
     np.testing.assert_array_equal(posts[: shape[0], : shape[1], 0], heights)
     row, col = np.indices(posts.shape[:2])
     for level in range(4):
