@@ -72,7 +72,7 @@ class Form:
         else:
             _, shown = imgui.slider_float(f"##{label}", shown, limits[0], limits[1], number, flags)
             shown = value if math.isclose(shown, value, rel_tol=1e-6) else shown
-        imgui.set_item_tooltip(f"{told} Ctrl+click: type a number.")
+        imgui.set_item_tooltip(f"{told.removesuffix('.')} (Ctrl+click: type a number).")
         if on_release and imgui.is_item_active():
             _dragged[label] = shown
             return value

@@ -39,7 +39,7 @@ class GeomorphSettings(base.Settings):
     horizon: bool = setting(True, "Horizon culling", "Drop tiles hidden behind nearer ground.")
     driver: str = setting(
         "distance", "Morph driven by",
-        "Distance: nothing moves while the eye rests. Time, frames: changes take a fixed while. Off: levels switch.",
+        "Distance: nothing moves while the eye rests; time, frames: changes take a fixed while; off: levels switch.",
         choices=("distance", "time", "frames", "off"),
     )  # fmt: skip
     morph_s: float = setting(1.0, "Morph time", "Seconds per level when driven by time.", unit="s", range=(0.1, 5.0))

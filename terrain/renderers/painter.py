@@ -57,13 +57,13 @@ class PainterSettings(base.Settings):
 
     mode: str = setting(
         "correct", "Mode",
-        "Correct: far to near, no depth test. Z-buffer: a fixed order and a depth test. Wrong: a fixed order, no test.",
+        "Correct: far to near, no depth test; z-buffer: a fixed order and a depth test; wrong: a fixed order, no test.",
         choices=("correct", "z-buffer", "wrong"),
     )  # fmt: skip
     path: str = setting(
         "procedural", "Order from",
-        "Procedural: strips by vertex number. Cells: triangles by vertex number. Indexed: index buffers, one call per "
-        "tile. Shuffled: indices in random order, for the z-buffer mode.",
+        "Procedural: strips by vertex number; cells: triangles by vertex number; indexed: index buffers, one call per "
+        "tile; shuffled: indices in random order, for the z-buffer mode.",
         choices=("procedural", "cells", "indexed", "shuffled"),
     )  # fmt: skip
     depth: int = setting(

@@ -47,7 +47,7 @@ class SlicingSettings(base.Settings):
     )  # fmt: skip
     rule: str = setting(
         "secant", "Slice counts",
-        "Secant: few planes, the surface is found between them. Paper: planes a pixel apart and a hard test.",
+        "Secant: few planes, the surface is found between them; paper: planes a pixel apart and a hard test.",
         choices=("secant", "paper"),
     )  # fmt: skip
     horizon: bool = setting(True, "Horizon culling", "Drop boxes hidden behind nearer ground (secant only).")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import pytest
 from imgui_bundle import imgui
 from ui_harness import AVAILABLE, UiHarness
 
+from app.exporter import Order
 from app.navigation import MODES
 from app.preferences import Preferences
 from app.windows import WINDOWS
@@ -93,12 +95,13 @@ def test_every_widget_explains_itself_in_a_tooltip(heard):
 
 def test_every_widget_is_operated_by_a_test(heard, session):
     """Widgets of settings are, by tests that go through the settings; all others are named in a test."""
-    kinds = [*(kind.Settings for kind in RENDERERS.values()), type(session.stage.look), Preferences]
+    kinds = [*(kind.Settings for kind in RENDERERS.values()), type(session.stage.look), Preferences, Order]
     fields = [field for kind in kinds for field in dataclasses.fields(kind) if "label" in field.metadata]
-    assert all(field.metadata["help"].endswith(".") for field in fields)
+    assert all(re.fullmatch(r"[^.!?]+(\.\w[^.!?]*)*\.", field.metadata["help"]) for field in fields), "one sentence"
     settings = {f"##{field.metadata['label']}" for field in fields}
     tests = "\n".join(path.read_text(encoding="utf-8") for path in TESTS.glob("test_*.py"))
     in_loops = {*(f"{name.capitalize()}##{name}" for name in RENDERERS), *(mode.capitalize() for mode in MODES)}
     others = {label for label in heard.labels if label not in settings | in_loops}
-    untested = sorted(label for label in others if f'{label}"' not in tests and f"{label}/" not in tests)
+    names = {label[label.find("##") :] if "##" in label else label for label in others}
+    untested = sorted(name for name in names if f'{name}"' not in tests and f"{name}/" not in tests)
     assert not untested, f"no test operates {', '.join(untested)}"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from app.preferences import PreferenceFile
 from app.viewer import Window, WindowError, explain_no_window
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Xvfb and xdotool are for X11")
@@ -117,6 +118,7 @@ def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):
         assert viewer.poll() is None
         press_until("ctrl+q", lambda: viewer.poll() is not None, "the window to close")
         assert viewer.returncode == 0, viewer.stderr.read()
+        assert "Laboratory" in PreferenceFile(tmp_path / "config").read_layout(), "the layout is kept"
     finally:
         viewer.kill()
         viewer.communicate()
