@@ -42,7 +42,7 @@ class Order:
     """What to export. The fields are widgets of the export window."""
 
     kind: str = setting(
-        "film", "What", "Film: the flight as MP4. Frames: as PNG files in a folder. Picture: the present view as PNG.",
+        "film", "What", "Film: the flight as MP4; frames: as PNG files in a folder; picture: the present view as PNG.",
         choices=tuple(KINDS),
     )  # fmt: skip
     width_px: int = setting(1920, "Width", "Of the picture; large ones are drawn in tiles.", unit="px",

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from app.preferences import PreferenceFile
 from app.viewer import Window, WindowError, explain_no_window
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Xvfb and xdotool are for X11")
-DISPLAY = f":{90 + os.getpid() % 900}"
 PATIENCE_S = 60.0
 
 
@@ -27,14 +25,14 @@ def desktop(tmp_path):
     for tool in ("Xvfb", "xdotool"):
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed (apt-get install xvfb xdotool)")
-    command = ["Xvfb", DISPLAY, "-screen", "0", "1280x720x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    environment = {**os.environ, "DISPLAY": DISPLAY, "RELIEFSCOPE_CACHE": str(tmp_path / "cache")}
+    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x720x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    number = server.stdout.readline().strip()  # the first display that is free, told when it is ready
+    environment = {**os.environ, "DISPLAY": f":{number}", "RELIEFSCOPE_CACHE": str(tmp_path / "cache")}
     environment.pop("WAYLAND_DISPLAY", None)
-    wait_for(lambda: Path(f"/tmp/.X11-unix/X{DISPLAY[1:]}").exists(), "the virtual screen")
     yield environment
     server.terminate()
-    server.wait(10)
+    server.communicate(timeout=10)
 
 
 def wait_for(condition, what):
