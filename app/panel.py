@@ -116,8 +116,9 @@ def _draw_shader_errors(errors: Sequence[str]) -> None:
     imgui.set_next_window_size_constraints((0.0, 0.0), (0.9 * size.x, 0.8 * size.y))
     flags = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings
     flags |= imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing
-    with imgui_ctx.begin("Shaders: the old ones draw until these are mended", None, flags):
+    with imgui_ctx.begin("Broken shaders", None, flags):
         imgui.push_text_wrap_pos(0.85 * size.x)
+        imgui.text_disabled("The old ones draw until these are mended.")
         for error in errors:
             imgui.text_colored(bad(), error)
         imgui.pop_text_wrap_pos()

@@ -73,10 +73,11 @@ def test_the_window_sleeps_while_nothing_changes(asleep, expected):
     window = SimpleNamespace(
         _is_hidden=False,
         _awake_until_s=0.0,
+        _gamepad=SimpleNamespace(pad=None),
         _glfw=SimpleNamespace(
             poll_events=lambda: done.append("poll"), wait_events_timeout=lambda seconds: done.append("wait")
         ),
     )
-    Window._take_events(window, SimpleNamespace(is_asleep=asleep))
+    Window._take_events(window, SimpleNamespace(is_asleep=asleep, exporter=SimpleNamespace(is_busy=False)))
     assert done == [expected]
     assert (window._awake_until_s > 0.0) == asleep, "after an event it sleeps lightly for a while"

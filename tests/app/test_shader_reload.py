@@ -12,7 +12,7 @@ from ui_harness import AVAILABLE, UiHarness
 
 from terrain.gpu.programs import SHADERS
 
-TITLE = "Shaders: the old ones draw until these are mended"
+TITLE = "Broken shaders"
 
 
 @pytest.fixture
