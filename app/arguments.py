@@ -150,9 +150,9 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--layer", metavar="LAYER", action="append", default=[],
-        help="a layer, as NAME[:blend[:opacity[:place]]]: NAME is slope, aspect, curvature, drainage, cover or an image"
-        " file, or several joined by + as key frames; blend mix, modulate or add; place everywhere, inside or outside"
-        " the lens; as often as needed",
+        help="a layer, as NAME[:blend[:opacity[:place]]]: NAME is slope, aspect, curvature, drainage, cover, winter or"
+        " an image file, or several joined by + as key frames; blend mix, modulate or add; place everywhere, inside or"
+        " outside the lens; as often as needed",
     )  # fmt: skip
     group.add_argument("--lens", metavar="X,Z,R", type=circle, help="a lens on the ground: east, south, radius [m]")
     group.add_argument("--layer-time", metavar="T", type=number, help="the time of layers that are animated")

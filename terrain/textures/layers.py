@@ -185,7 +185,7 @@ def layer_defines(stack: LayerStack) -> dict[str, Any]:
         return {}
     switches = {
         "LENS": _dims(stack.lens) or (stack.lens.is_on and any(layer.where != "everywhere" for layer in shown)),
-        "KEY_FRAMES": any(layer.between(stack.time)[1] for layer in shown),
+        "KEY_FRAMES": any(layer.is_animated for layer in shown),
         "VISIBILITY": any(layer.visibility for layer in shown),
     }
     return {"LAYERS": len(shown)} | {name: 1 for name, on in switches.items() if on}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -172,8 +173,11 @@ _COVERS = (
 )  # fmt: skip
 
 
-def _make_cover(heightfield: Heightfield) -> tuple[Pixels, Legend]:
-    """Rules of thumb for mountains of the temperate zone, by height within the relief, slope and curvature."""
+def _make_cover(heightfield: Heightfield, snow_line: float = 0.78) -> tuple[Pixels, Legend]:
+    """Rules of thumb for mountains of the temperate zone, by height within the relief, slope and curvature.
+
+    ``snow_line`` is a share of the relief: it falls as winter comes.
+    """
     low_m, high_m = (height / heightfield.exaggeration for height in heightfield.height_range_m)
     span_m = max(high_m - low_m, LEAST_RELIEF_M)
     pixels, table, water = _blank(heightfield), _table(_COVERS), standing_water(heightfield)
@@ -187,7 +191,7 @@ def _make_cover(heightfield: Heightfield) -> tuple[Pixels, Legend]:
         cover[(share + bare > 0.06) & (share + bare < 0.52) & (steep > 8.0)] = 2
         cover[(share + bare > 0.64) | (steep > 33.0)] = 3
         cover[steep + 200.0 * bare > 41.0] = 4
-        cover[(share - bare > 0.78) & (steep < 48.0)] = 5
+        cover[(share - bare > snow_line) & (steep < 48.0)] = 5
         cover[water[rows]] = 0
         pixels[rows] = table[cover]
     return _cut_holes(pixels, heightfield), _class_legend("Land cover", _COVERS)
@@ -201,6 +205,11 @@ THEMES: Mapping[str, ThemeKind] = {
         "Flow accumulation", "The area whose water passes through: rivers.", _make_drainage, DRAINAGE_POSTS
     ),
     "cover": ThemeKind("Land cover", "Water, meadow, forest, scree, rock and snow, by rule.", _make_cover),
+    "winter": ThemeKind(
+        "Land cover in winter",
+        "As land cover, with snow far down: cover+winter is an animation.",
+        partial(_make_cover, snow_line=0.3),
+    ),
 }
 
 
