@@ -290,6 +290,8 @@ class Stage:
             If nothing at all of an image can be read.
         """
         if self.trees.count:
+            if self._ground_by_patches and self.frozen is None:
+                self.renderer.select(frame)
             self._update_trees(frame)
             if self.trees.is_loading:
                 self.trees.wait(within_s)
@@ -304,12 +306,20 @@ class Stage:
             self.trees.bind()
         stats.extra = {name: value for name, value in stats.extra.items() if name not in FIGURES} | self.trees.figures
 
+    @property
+    def _ground_by_patches(self) -> bool:
+        """Whether texture patches are chosen for the renderer's own patches of ground (base.py)."""
+        return bool(getattr(self.renderer, "boxes_hold_ground", False))
+
     def _update_trees(self, frame: Frame) -> None:
-        if self._culler is None:
-            self._culler = Culler(self.scene, FINEST_GROUND)
         chosen_for = self.frozen or frame
-        boxes = self._culler.boxes(self._culler.select(chosen_for, split_ratio=GROUND_SPLIT))
-        self.trees.update(chosen_for, *boxes, self.look.texture_tolerance_px2)
+        if self._ground_by_patches:
+            lower_m, upper_m, _ = self.renderer.boxes()
+        else:
+            if self._culler is None:
+                self._culler = Culler(self.scene, FINEST_GROUND)
+            lower_m, upper_m = self._culler.boxes(self._culler.select(chosen_for, split_ratio=GROUND_SPLIT))
+        self.trees.update(chosen_for, lower_m, upper_m, self.look.texture_tolerance_px2)
 
     def _draw_surface(self, frame: Frame, target: Target) -> None:
         target.framebuffer.use()

@@ -10,9 +10,11 @@ within the tolerance at the point of its box nearest to the eye.
 **Deviations** In the paper a patch has one error, and descending the tree refines it. Here a patch has a ladder of
 meshes (`rtin`), and descending only keeps patches small against their distance, so that one error serves a whole patch.
 The paper's alpha is an upright segment of the error's length, seen in perspective; here it is that segment seen
-squarely, which is never less. About 15 % of the patches, where a grid serves worst, are *microstructures*: they get
-TINs in place of grid meshes (`patch_pool`). The paper left open how to find them. Imported lines refine the cells they
-cross (`refined_cells`): patches near enough for a line to matter are split down to it and drawn with every post.
+squarely, which is never less. Gamma never splits a patch of geometry: textures have trees of their own, which go on
+below the finest patches (`terrain.textures.select`). About 15 % of the patches, where a grid serves worst, are
+*microstructures*: they may get TINs in place of grid meshes (`patch_pool`). The paper left open how to find them.
+Imported lines refine the cells they cross (`refined_cells`): patches near enough for a line to matter are split down to
+it and drawn with every post.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class PatchPool:
         return np.concatenate([self._posts[first:last] for first, last in runs])
 
     def walls(self, patches: Patches) -> npt.NDArray[np.float32]:
-        """Triangles (m, 3, 4) of the walls between the patches; see `build_walls`."""
+        """Triangles (m, 3, 5) of the walls between the patches; see `build_walls`."""
         finest = FINEST_LEVEL - (self.tree.stride.bit_length() - 1)
         walls = build_walls(self.tree.rtin, self.tree.meshed(patches), finest, self.tree.posts_m)
         if self.tree.refined is None:

@@ -52,7 +52,7 @@ class RefinedCells:
         Counter-clockwise from above: numbers of posts in the padded grid and, behind all of them, of the vertices.
     starts : ndarray of int64, (p + 1,)
         Patch i owns ``triangles[starts[i]:starts[i + 1]]``.
-    fins : ndarray of float32, (f, 3, 4)
+    fins : ndarray of float32, (f, 3, 5)
         Upright triangles between a side of a patch with the lines' vertices and the same side without; as `build_walls`
         gives them.
     fin_patches : ndarray of int64, (f, 2)
@@ -423,11 +423,11 @@ def _build_fins(
         for col, row in chain:
             is_post = (col, row) in posts
             height = heightfield.heights_m[row // UNITS, col // UNITS] if is_post else height_of[col, row]
-            corners.append((col / UNITS, row / UNITS, height, 0.0))
+            corners.append((col / UNITS, row / UNITS, height, 0.0, 0.0))
         for one, other in pairwise(corners[1:]):
             fins += [(corners[0], one, other), (corners[0], other, one)]
             between += [[index_of[both[0]], index_of[both[1]]]] * 2
-    return np.array(fins, np.float32).reshape(-1, 3, 4), np.array(between, np.int64).reshape(-1, 2)
+    return np.array(fins, np.float32).reshape(-1, 3, 5), np.array(between, np.int64).reshape(-1, 2)
 
 
 def _height_range(patch: list[int], cells: Cells, height_of: dict[Point, float]) -> tuple[float, float]:

@@ -49,9 +49,10 @@ def build_walls(
 
     Returns
     -------
-    ndarray of float32, (m, 3, 4)
+    ndarray of float32, (m, 3, 5)
         Triangles, counter-clockwise from where they are seen: column and row in posts, height [m], and 1 to 4 for a
-        wall that faces north, south, west or east, negative at the vertices of the lower edge.
+        wall that faces north, south, west or east, negative at the vertices of the lower edge; last, how
+        far the vertex lies above that height [m], which is a post's: float32 would not hold the sum for high terrain.
     """
     drawn = _map_patches(rtin, patches, finest_level)
     found = [
@@ -59,7 +60,7 @@ def build_walls(
         for level in np.unique(patches.level)
     ]
     if not sum(len(members) for members, _ in found):
-        return np.empty((0, 3, 4), np.float32)
+        return np.empty((0, 3, 5), np.float32)
     members, side = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return _side_walls(rtin, patches, members, side, drawn, finest_level, heights_m)
 
@@ -168,14 +169,15 @@ def _side_walls(
     outwards = starts[(ours[starts] > others[starts]) | (ours[ends] > others[ends]) | level_ends]
     inwards = starts[(others[starts] > ours[starts]) | (others[ends] > ours[ends]) | level_ends]
     here, there = np.concatenate([outwards, inwards + 1]), np.concatenate([outwards + 1, inwards])
-    upper, lower = np.stack([ours, others]), np.stack([others, ours])
+    upper, lower = np.stack([ours, others]) - height, np.stack([others, ours]) - height
     which = np.repeat([0, 1], [len(outwards), len(inwards)])
     quads = _quads(
-        where[here], where[there], upper[which, here], upper[which, there], lower[which, here], lower[which, there]
-    )
+        where[here], where[there], upper[which, here], upper[which, there], lower[which, here], lower[which, there],
+        height[here], height[there],
+    )  # fmt: skip
     facing = side[owner[here]] ^ which  # opposite sides differ in the last bit
     quads[..., 3] *= (1 + facing)[:, None]
-    return quads.reshape(-1, 3, 4)
+    return quads.reshape(-1, 3, 5)
 
 
 def _along(height: Floats, step: Places, vertices: Bools) -> Floats:
@@ -189,17 +191,22 @@ def _along(height: Floats, step: Places, vertices: Bools) -> Floats:
 
 
 def _quads(
-    here: Places, there: Places, upper_here: Floats, upper_there: Floats, lower_here: Floats, lower_there: Floats
-) -> npt.NDArray[np.float32]:
-    """Two triangles (n, 6, 4) for every piece of an edge, from the upper edge down to the lower, as far as it is the
-    upper."""
+    here: Places, there: Places, upper_here: Floats, upper_there: Floats, lower_here: Floats, lower_there: Floats,
+    post_here: Floats, post_there: Floats,
+) -> npt.NDArray[np.float32]:  # fmt: skip
+    """Two triangles (n, 6, 5) for every piece of an edge, from the upper edge down to the lower, as far as it is the
+    upper. The edges' heights are given relative to the posts' at both ends."""
+    rise = post_there - post_here
+    upper_there, lower_there = upper_there + rise, lower_there + rise
     begin, end = upper_here - lower_here, upper_there - lower_there
     crossing = begin / np.where(begin == end, 1.0, begin - end)
-    corners = np.empty((2, 2, len(here), 4), np.float32)  # (here and there, up and down)
-    for i, t in enumerate((np.where(begin < 0, crossing, 0.0), np.where(end < 0, crossing, 1.0))):
+    corners = np.empty((2, 2, len(here), 5), np.float32)  # (here and there, up and down)
+    starts = np.where(begin < 0, crossing, 0.0), np.where(end < 0, crossing, 1.0)
+    for i, (t, post, above) in enumerate(zip(starts, (post_here, post_there), (0.0 * rise, rise), strict=True)):
         corners[i, :, :, :2] = here + t[:, None] * (there - here)
-        corners[i, 0, :, 2] = upper_here + t * (upper_there - upper_here)
-        corners[i, 1, :, 2] = lower_here + t * (lower_there - lower_here)
+        corners[i, :, :, 2] = post
+        corners[i, 0, :, 4] = upper_here + t * (upper_there - upper_here) - above
+        corners[i, 1, :, 4] = lower_here + t * (lower_there - lower_here) - above
     corners[:, 0, :, 3], corners[:, 1, :, 3] = 1.0, -1.0
-    quads = corners.reshape(4, len(here), 4)[[0, 1, 3, 0, 3, 2]]
+    quads = corners.reshape(4, len(here), 5)[[0, 1, 3, 0, 3, 2]]
     return np.ascontiguousarray(quads.transpose(1, 0, 2))

@@ -49,6 +49,9 @@ class Renderer(Protocol):
     with the selection frozen, with another camera: what it draws was chosen by the last `select`, where it is drawn
     from is the frame's. It draws the surface with ``shaders/lib/output.glsl``, writes depth, restores what GL state it
     changes, and fills `stats`.
+
+    A renderer whose `boxes` bound all the ground it draws may say so by a class attribute ``boxes_hold_ground = True``:
+    what lies on the ground is then chosen for them.
     """
 
     name: str  # "slicing": the stem

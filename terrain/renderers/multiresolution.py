@@ -1,5 +1,8 @@
 """Draws the approximation tree: all chosen patches in one draw call, front to back, the walls between them in another.
 
+Texture patches are chosen together with them: the stage takes the boxes of the patches, splits those near the eye while
+a texel's visual error gamma is above its threshold, and climbs from each to the coarsest texture patch within it.
+
 **Source** J. Doellner, "Integrated multiresolution modeling of terrain geometry and terrain texture data".
 """
 
@@ -76,6 +79,7 @@ class MultiresolutionRenderer:
     source = "Doellner, Integrated multiresolution modeling of terrain geometry and terrain texture data, 2000"
     Settings = MultiresolutionSettings
     diagonal: Diagonal = "alternating"
+    boxes_hold_ground = True
 
     def __init__(self, gpu: Gpu, scene: Scene, settings: MultiresolutionSettings) -> None:
         self.settings: Any = settings
@@ -189,7 +193,7 @@ class MultiresolutionRenderer:
             self._culler = Culler(
                 replace(self._scene, pyramid=widened(self._scene.pyramid, tree.refined)), FINEST_LEVEL
             )
-        corners = [(self._wall_corners, "4f", "in_corner")]
+        corners = [(self._wall_corners, "4f 1f", "in_corner", "in_above")]
         for fragment, light in _FRAGMENTS:
             chosen = defines | light
             self._geometries[fragment] = (
@@ -202,7 +206,7 @@ class MultiresolutionRenderer:
         assert self._pool is not None
         posts = self._pool.gather(patches)
         extracted = self._pool.extracted
-        walls = self._pool.walls(patches) if self.settings.walls else np.empty((0, 3, 4), np.float32)
+        walls = self._pool.walls(patches) if self.settings.walls else np.empty((0, 3, 5), np.float32)
         _write(self._indices, posts)
         _write(self._wall_corners, walls)
         self._by_rung, self._uploaded_for = False, self.settings

@@ -149,12 +149,6 @@ class Trees:
             chosen.append((*boxes, *select_levels(tree, *boxes, frame, tolerance_px2)))
         self._advance(chosen)
 
-    def update_levels(
-        self, lower_m: Floats, upper_m: Floats, levels: Sequence[Ints], distances_m: Sequence[Floats]
-    ) -> None:
-        """As `update`, for levels chosen by somebody else: for each tree one per box, and the box's distance [m]."""
-        self._advance([(lower_m, upper_m, *each) for each in zip(levels, distances_m, strict=True)])
-
     def _advance(self, chosen: list[tuple[Floats, Floats, Ints, Floats]]) -> None:
         """One frame, for boxes of ground, their levels and distances, for each tree its own."""
         self._frame += 1

@@ -67,11 +67,11 @@ def test_walls_reach_from_the_higher_edge_to_the_lower_and_stand_nowhere_else(se
     patches = random_patches(np.random.default_rng(seed), spread, gaps)
     walls = build_walls(rtin, patches, 2, heights)
     uppers, lowers = defaultdict(list), defaultdict(list)
-    for quad in walls.reshape(-1, 6, 4).astype(np.float64):
+    for quad in walls.reshape(-1, 6, 5).astype(np.float64):
         assert np.sign(quad[:, 3]).tolist() == [1, -1, -1, 1, -1, 1]
         assert len(set(np.abs(quad[:, 3]).tolist())) == 1
         for spans, here, there in ((uppers, quad[0], quad[5]), (lowers, quad[1], quad[2])):
-            add_edge(spans, *((c[1], c[0], c[2]) for c in (here, there)))
+            add_edge(spans, *((c[1], c[0], c[2] + c[4]) for c in (here, there)))
     expected = {place: sorted(pair) for place, pair in gaps_of(rtin, patches, heights).items() if len(pair) == 2}
     for place, (low, high) in expected.items():
         if high - low > 1e-3:
@@ -90,6 +90,7 @@ def test_wall_faces_the_lower_patch():
         patches = Patches(*np.array([[4, 4], [0, 0], [0, 1], rungs], np.int32))
         walls = build_walls(rtin, patches, 4, heights)
         assert len(walls)
+        walls[..., 2] += walls[..., 4]
         corners = walls[:, :, [0, 2, 1]].astype(np.float64)  # x east, y up, z south
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         assert (normals[:, 0] * facing >= 0).all()
