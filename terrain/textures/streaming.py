@@ -63,7 +63,7 @@ class TileStream:
         self._reading: set[tuple[int, int]] = set()
         self._resting: dict[tuple[int, int], float] = {}  # not ready: when to try again
         self._results: deque[Result] = deque()
-        self._failed: set[int] = set()  # handles of trees whose failure was told
+        self._causes: dict[int, str] = {}  # of the first failure of each tree, by its handle
         self._messages: list[str] = []
         self._threads: list[threading.Thread] = []
         self._closing = False
@@ -103,6 +103,11 @@ class TileStream:
         with self._changed:
             messages, self._messages = self._messages, []
         return messages
+
+    def cause(self, handle: int) -> str:
+        """Why the first tile of a tree that could not be read could not."""
+        with self._changed:
+            return self._causes.get(handle, "")
 
     def forget(self, handle: int) -> None:
         """Drop all that concerns a tree, and wait until none of its tiles is being read."""
@@ -164,11 +169,11 @@ class TileStream:
 
     def _tell(self, request: Request, error: Exception) -> None:
         with self._changed:
-            if request.handle in self._failed:
+            if request.handle in self._causes:
                 return
-            self._failed.add(request.handle)
             cause = " ".join(str(error.__cause__ or error).split())[:160] or type(error).__name__
+            self._causes[request.handle] = cause
             self._messages.append(
                 f"{request.source.name}: tile {request.row}, {request.col} of level {request.level} cannot be read "
-                f"({cause}); coarser ones are shown in its place."
+                f"({cause}); coarser ones are shown in its place, where there are any."
             )

@@ -174,8 +174,9 @@ class Trees:
         """
         for member in self._members.values():
             if member.pages.slot[-1] == FAILED:
-                told = self._stream.take_messages()
-                raise InputError(told[0] if told else f"{member.source.name} cannot be read.")
+                self._stream.take_messages()
+                cause = self._stream.cause(member.handle)
+                raise InputError(f"Expected an image in {member.source.name}, of which nothing can be read ({cause}).")
 
     @property
     def count(self) -> int:
