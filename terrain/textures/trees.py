@@ -9,7 +9,6 @@ resident ancestor. Nothing ever waits; whoever must have a picture that does not
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
