@@ -37,6 +37,8 @@ class Jobs:
 
     def __init__(self) -> None:
         self._running: list[Job] = []
+        self._announced: list[tuple[Job, Callable[[], object]]] = []
+        self._due: list[tuple[Job, Callable[[], object]]] = []
 
     def begin(self, name: str, how_to_stop: str, stop: Callable[[], None] | None = None) -> Job:
         """A new job; who began it sets its share and ends it."""
@@ -47,6 +49,17 @@ class Jobs:
     def end(self, job: Job | None) -> None:
         """Take a job from the list; nothing where it has ended before."""
         self._running = [other for other in self._running if other is not job]
+
+    def announce(self, name: str, act: Callable[[], object]) -> None:
+        """Do something that keeps the window waiting, once the status line has said so."""
+        self._announced.append((self.begin(name, "the window waits for it"), act))
+
+    def work(self) -> None:
+        """Called once a frame: do what was announced a frame ago."""
+        due, self._due, self._announced = self._due, self._announced, []
+        for job, act in due:
+            act()
+            self.end(job)
 
     def stop_newest(self) -> bool:
         """Stop the newest job that can be stopped; whether there was one."""

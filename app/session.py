@@ -48,6 +48,7 @@ from terrain.views import VIEWS
 SETTLE_S = 1.5
 MESSAGE_S = 8.0
 GRAPH_FRAMES = 240
+LARGE_POSTS = 3_000_000  # from here on preparing an algorithm may take seconds
 BAKE_BUDGET_MS = 6.0  # of a frame, for light that is baked anew while the sun moves
 _UNUSABLE = (InputError, MemoryError, RuntimeError, ValueError)  # what a renderer that cannot be made raises
 
@@ -186,6 +187,7 @@ class Session:
             if outgrown is not None:
                 outgrown.release()
             self.touch()
+        self.jobs.work()
         if not self.is_still:
             self._draw_frame(size_px)
         self.experiments.work()
@@ -220,9 +222,13 @@ class Session:
 
     def choose_algorithm(self, name: str) -> None:
         """Switch; the tolerance goes along, other settings are remembered for each algorithm."""
-        if name == self.algorithm:
-            return
-        if self.use(name, self.tuned.get(name) or self.settings_for(name)):
+        if self.heightfield.heights_m.size < LARGE_POSTS:
+            self._switch(name)
+        elif name != self.algorithm:
+            self.jobs.announce(f"Preparing {RENDERERS[name].title}", lambda: self._switch(name))
+
+    def _switch(self, name: str) -> None:
+        if name != self.algorithm and self.use(name, self.tuned.get(name) or self.settings_for(name)):
             self.say(f"{RENDERERS[name].title}. {RENDERERS[name].source}")
 
     def settings_for(self, name: str) -> Any:

@@ -318,6 +318,20 @@ def test_the_status_line_tells_what_runs_and_escape_stops_it(ui):
     assert any("P pauses" in line for line in status_lines(session))
 
 
+def test_the_status_line_says_what_the_window_waits_for_before_it_waits(session, monkeypatch):
+    monkeypatch.setattr("app.session.LARGE_POSTS", 1)
+    session.choose_algorithm("slicing")
+    session.draw((64, 36))
+    assert session.algorithm != "slicing"
+    assert status_lines(session)[0] == "Preparing Adaptive slicing: the window waits for it."
+    assert not session.is_asleep
+    session.draw((64, 36))
+    assert session.algorithm == "slicing"
+    assert len(session.jobs) == 0
+    session.choose_algorithm("slicing")
+    assert len(session.jobs) == 0
+
+
 def test_the_status_line_tells_what_is_made_ready_meanwhile(session, monkeypatch):
     assert not any("while you fly" in line for line in status_lines(session))
     monkeypatch.setattr(type(session.stage._ground), "is_done", False)
