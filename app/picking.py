@@ -25,7 +25,9 @@ FLAT_DEG = 1e-3  # a gentler slope faces nowhere
 def first_hit(
     heightfield: Heightfield, eye_m: Floats, direction: Floats, diagonal: Diagonal = "alternating"
 ) -> Floats | None:
-    """The first point (3,) of the ground on a ray, from above or below; None where it meets none.
+    """The first point (3,) of the ground that a ray enters from above; None where there is none.
+
+    From below the ground is not seen, as it is not drawn.
 
     Parameters
     ----------
@@ -43,7 +45,7 @@ def first_hit(
     share = _crossings(heightfield, start_m[[0, 2]], (start_m + step_m)[[0, 2]])
     x, y, z = (start_m + share[:, None] * step_m).T
     above = y - _heights(heightfield, x, z, diagonal)
-    (meets,) = np.nonzero((above[:-1] * above[1:] <= 0.0) & ((above[:-1] != 0.0) | (above[1:] != 0.0)))
+    (meets,) = np.nonzero((above[:-1] >= 0.0) & (above[1:] < 0.0))
     if not meets.size:
         return None
     # Between two crossings the height above ground is linear: its zero is exact.

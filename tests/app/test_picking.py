@@ -35,9 +35,10 @@ def test_the_picked_point_is_the_first_of_the_surface_on_the_ray(seed, ex, ez, h
     width, depth = terrain.extent_m
     eye = np.array([ex * width, height, ez * depth])
     target = np.array([tx * width, float(terrain.heights_at(tx * width, tz * depth, diagonal)), tz * depth])
+    least = 1e-3 * min(SPACING_M)
+    target[1] -= least  # rather into the ground than along it
     found = first_hit(terrain, eye, target - eye, diagonal)
     assert found is not None
-    least = 1e-3 * min(SPACING_M)
     assert abs(found[1] - float(terrain.heights_at(found[0], found[2], diagonal))) < least
     along = (target - eye) / np.linalg.norm(target - eye)
     reach = float((found - eye) @ along)
@@ -64,10 +65,13 @@ def test_rays_into_the_sky_and_beside_the_terrain_meet_nothing():
     assert first_hit(terrain, np.array([-50.0, 100.0, 50.0]), np.array([0.0, -1.0, 0.0])) is None
 
 
-def test_from_below_the_underside_is_met():
-    terrain = rough(0)
-    found = first_hit(terrain, np.array([95.0, -100.0, 71.0]), np.array([0.0, 1.0, 0.0]))
-    assert found[1] == pytest.approx(float(terrain.heights_at(95.0, 71.0)))
+def test_from_below_the_ground_is_not_seen_but_what_lies_beyond_is():
+    x = np.arange(31) * SPACING_M[0]
+    ridge = np.maximum(0.0, 100.0 - np.abs(x - 150.0))
+    terrain = Heightfield(np.tile(ridge, (24, 1)).astype(np.float32), SPACING_M)
+    assert first_hit(terrain, np.array([95.0, -100.0, 71.0]), np.array([0.0, 1.0, 0.0])) is None
+    found = first_hit(terrain, np.array([20.0, -10.0, 71.0]), np.array([1.0, 0.5, 0.0]))  # out of the plain
+    assert found == pytest.approx([60.0, 10.0, 71.0])
 
 
 def test_far_away_eyes_pick_as_exactly_as_near_ones():
