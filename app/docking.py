@@ -92,8 +92,9 @@ def _draw_window(session: Session, window: Window, number: int) -> None:
         if shown.expanded:
             window.draw(session)
     if session.raised_window == window.name:
-        session.raised_window = ""
         _raise_tab(window.title)
+        if shown.expanded:  # it was drawn, and knew that it is asked for
+            session.raised_window = ""
     if not shown.opened:
         session.show_window(window.name, False)
 

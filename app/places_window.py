@@ -47,6 +47,8 @@ def _draw_go_to(session: Session) -> None:
     places.system = systems[chosen]
     imgui.set_next_item_width(-4.0 * imgui.get_font_size())
     hint = f"such as {EXAMPLES[places.system]}"
+    if session.raised_window == "places":
+        imgui.set_keyboard_focus_here()  # G, then a coordinate, then Enter
     entered, places.typed = imgui.input_text_with_hint(
         "##Coordinate", hint, places.typed, imgui.InputTextFlags_.enter_returns_true
     )
@@ -55,16 +57,14 @@ def _draw_go_to(session: Session) -> None:
     if imgui.button("Go", (-1.0, 0.0)) or entered:
         places.go_to(places.typed)
     imgui.set_item_tooltip("Fly to the coordinate.")
-    if places.problem:
-        imgui.push_text_wrap_pos(0.0)
-        imgui.text_colored(bad(), places.problem)
-        imgui.pop_text_wrap_pos()
+    _draw_problem(places.problem)
 
 
 def _draw_bookmarks(session: Session) -> None:
     places = session.places
     button("Keep this view", "Make the view a bookmark (B).", places.keep_view)
     kept = places.bookmarks.all
+    _draw_problem(places.bookmarks.problem)
     for number, bookmark in enumerate(kept):
         imgui.push_id(bookmark.name)
         button("Go", f"Fly to it{' (N: the next)' if number == 0 else ''}.", partial(places.visit, bookmark.name))
@@ -80,3 +80,10 @@ def _draw_bookmarks(session: Session) -> None:
         imgui.pop_id()
     if not kept:
         imgui.text_disabled("None yet.")
+
+
+def _draw_problem(problem: str) -> None:
+    if problem:
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_colored(bad(), problem)
+        imgui.pop_text_wrap_pos()

@@ -113,6 +113,8 @@ class Session:
         self._message, self._message_until_s = "", 0.0
         self._changed_s = 0.0
         self.say(f"{heightfield.name}: {heightfield.cols} x {heightfield.rows} posts. H lists the keys.")
+        if self.places.bookmarks.problem:
+            self.say(self.places.bookmarks.problem)
         self.flights.recover()
 
     @property

@@ -112,14 +112,14 @@ class Survey:
         return replace(inputs, button=None, look_px=(0.0, 0.0))
 
     def pick(self, pointer: tuple[float, float] = MIDDLE) -> None:
-        """Pick the point below a place in the picture, or none where there is no ground."""
+        """Pick the point below a place in the picture and show it, or none where there is no ground."""
         self.pick_at(self._spot_under(pointer))
+        if self.spot_m is not None:
+            self._session.show_window(WINDOW)
 
     def pick_at(self, spot_m: Spot | None) -> None:
-        """Pick a place of the terrain, or none; what is known about it is shown."""
+        """Pick a place of the terrain, or none."""
         self.spot_m = spot_m
-        if spot_m is not None:
-            self._show()
         self._session.touch()
 
     def mark_end(self, pointer: tuple[float, float] = MIDDLE) -> None:
@@ -142,18 +142,13 @@ class Survey:
         point = self._session.navigation.point_under(pointer)
         return None if point is None else (float(point[0]), float(point[2]))
 
-    def _show(self) -> None:
-        """Open the window of what was found."""
-        if not self._session.is_open(WINDOW):
-            self._session.show_window(WINDOW)
-
     def _measure(self) -> None:
         self.profile = self.hover_m = None
         if len(self.ends_m) == 2 and self.ends_m[0] != self.ends_m[1]:
             diagonal = self._session.stage.renderer.diagonal
             first, second = (np.array(end) for end in self.ends_m)
             self.profile = profile_between(self._session.heightfield, first, second, diagonal)
-            self._show()
+            self._session.show_window(WINDOW)
         self._session.touch()
 
     # What keys and widgets do

@@ -7,10 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.bookmarks import Bookmark
 from app.cameras import EYE_HEIGHT_M, PASSAGE_S, pointer_at
 from app.controls import Inputs
 from app.framing import ground_m, least_clearance_m
+from app.opening import Drawing
+from app.places import Places
+from app.preferences import PreferenceFile
+from app.session import Session
 from terrain.camera import Camera
+from terrain.renderers import RENDERERS
+from terrain.textures.layers import LayerStack
+from terrain.textures.look import LookSettings
 
 ASPECT = 64 / 36
 GROUND = (0.45, 0.8)  # a place in the picture with ground below it
@@ -224,6 +232,18 @@ def test_a_passage_ends_a_replay(session):
 
 
 # Places
+
+
+def test_damaged_bookmarks_are_said_when_the_terrain_is_opened(app_gpu, session, tmp_path):
+    Places(session, session.heightfield, tmp_path).bookmarks.add(Bookmark.of("a", session.camera, session.heightfield))
+    (path,) = tmp_path.rglob("*.json")
+    path.write_text("{")
+    drawing = Drawing("reference", RENDERERS["reference"].Settings(), LookSettings(), "shaded", LayerStack(), 1.0)
+    again = Session(app_gpu, session.heightfield, drawing, folder=tmp_path, preferences=PreferenceFile(tmp_path))
+    try:
+        assert "could not be understood" in again.message
+    finally:
+        again.close()
 
 
 def test_typed_coordinates_are_flown_to_and_picked(session):

@@ -213,7 +213,7 @@ def test_every_key_of_cameras_and_places_does_what_it_says(ui):
         assert survey.is_measuring
         press("Escape")
         assert not survey.is_measuring
-        for key, name in (("G", "places"), ("V", "survey")):
+        for key, name in (("V", "survey"), ("G", "places")):
             before = session.is_open(name)
             press(key)
             assert session.is_open(name) != before
@@ -258,6 +258,41 @@ def test_coordinates_are_typed_and_gone_to(ui):
         assert session.places.problem == ""
         assert session.survey.spot_m == (100.0, 200.0)
         assert session.navigation.passage is not None
+
+    ui.run(steps)
+
+
+def test_a_coordinate_is_gone_to_with_the_keyboard_alone(ui):
+    session = ui.session
+    session.show_window("laboratory")
+
+    def steps(ctx):
+        ctx.yield_(3)
+        ctx.mouse_move_to_pos(HERE)
+        ctx.key_press(imgui.Key.g)
+        ctx.yield_(4)
+        ctx.key_chars("30, 40")
+        ctx.key_press(imgui.Key.enter)
+        ctx.yield_(2)
+        assert session.survey.spot_m == (30.0, 40.0)
+        assert session.navigation.passage is not None
+        assert not imgui.internal.find_window_by_name("Places").hidden
+
+    ui.run(steps)
+
+
+def test_a_click_shows_the_survey_before_what_shares_its_place(ui):
+    session = ui.session
+
+    def steps(ctx):
+        for name in ("survey", "places"):
+            session.show_window(name)
+            ctx.yield_(3)
+        assert imgui.internal.find_window_by_name("Survey").hidden
+        ctx.mouse_move_to_pos(HERE)
+        ctx.mouse_click(0)
+        ctx.yield_(3)
+        assert not imgui.internal.find_window_by_name("Survey").hidden
 
     ui.run(steps)
 
@@ -310,8 +345,7 @@ def test_bookmarks_are_kept_named_visited_and_deleted_in_the_window(ui):
 def test_the_picked_point_is_copied_flown_to_and_forgotten(ui):
     session = ui.session
     session.survey.pick_at((160.0, 200.0))
-    for _ in range(3):
-        ui.frame()
+    open_window(ui, "survey")
 
     def steps(ctx):
         ctx.set_ref(SURVEY)
