@@ -157,8 +157,6 @@ class ImageSource:
                 self._builder.start()
 
     def _build(self) -> None:
-        from rasterio.errors import RasterioError
-
         pyramid, tree, level = self._pyramid, self._tree, self._preview_level
         assert pyramid is not None
         give_way()
@@ -169,8 +167,8 @@ class ImageSource:
                     self._preview = levels
             width = tree.level_size(pyramid.first)[0]
             pyramid.build(lambda a, b: self._reader.level_texels(pyramid.first, (a, b), (0, width)), self._cancelled)
-        except (RasterioError, OSError):
-            pass  # a damaged file: tile by tile, what can be read is shown, and what cannot is told
+        except Exception:  # whatever a driver raises for a damaged file
+            pass  # tile by tile, what can be read is shown, and what cannot is told
         with self._lock:
             self._is_direct = not pyramid.is_complete
             if self._preview:

@@ -7,6 +7,7 @@ frames. A tile that cannot be read is reported as such, once; the source's first
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import threading
@@ -24,7 +25,8 @@ POLITENESS = 5  # added to the threads' nice value where that can be done: the p
 def give_way() -> None:
     """Let the calling thread work only where the picture leaves time for it, on systems that can."""
     if sys.platform == "linux":  # where threads have nice values of their own
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), POLITENESS)
+        with contextlib.suppress(OSError):  # some sandboxes forbid it
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), POLITENESS)
 
 
 class Request(NamedTuple):

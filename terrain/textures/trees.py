@@ -39,7 +39,6 @@ class _Member:
     pages: Pages
     handle: int
     selection: Selection
-    missing: Ints
     drawn: Ints  # the cells that the table shows as something else than the root
     root: int = FAILED  # slot of the root in the table; at first none was written
     table: Table | None = None
@@ -106,7 +105,7 @@ class Trees:
         none = np.zeros(0, np.int64)
         self._handles += 1
         pages = Pages(tree)
-        self._members[free[0]] = _Member(source, pages, self._handles, Selection(none, none, none), none, none)
+        self._members[free[0]] = _Member(source, pages, self._handles, Selection(none, none, none), none)
         self._atlas.grow(sum(member.pages.tree.tile_count for member in self._members.values()))
         self._slots.grow(self._atlas.slots)
         self._write_block()
@@ -146,10 +145,6 @@ class Trees:
             tree = member.pages.tree
             boxes = split_near(tree, lower_m, upper_m, frame, tolerance_px2)
             chosen.append((*boxes, *select_levels(tree, *boxes, frame, tolerance_px2)))
-        self._advance(chosen)
-
-    def _advance(self, chosen: list[tuple[Floats, Floats, Ints, Floats]]) -> None:
-        """One frame, for boxes of ground, their levels and distances, for each tree its own."""
         self._frame += 1
         self._choose(chosen)
         for member in self._members.values():
@@ -271,9 +266,9 @@ class Trees:
         self._misses = 0
         for member in self._members.values():
             tiles = member.selection.tiles
-            member.missing = tiles[member.pages.missing(tiles, member.source.revision)]
-            self._misses += len(member.missing)
-            first = member.missing[:MOST_REQUESTS]
+            missing = tiles[member.pages.missing(tiles, member.source.revision)]
+            self._misses += len(missing)
+            first = missing[:MOST_REQUESTS]
             for place, (tile, level, row, col) in enumerate(
                 zip(first.tolist(), *(part.tolist() for part in member.pages.tree.locate(first)), strict=True)
             ):

@@ -223,6 +223,18 @@ def test_without_room_for_a_pyramid_tiles_still_come_from_the_file(opened, tmp_p
     assert np.abs(tile.astype(int) - cut_tile(halve(halve(pixels)), 0, 0)).max() <= 1
 
 
+def test_when_a_pyramid_cannot_be_built_tiles_still_come_from_the_file(opened, tmp_path, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("a driver's own idea of an error")
+
+    monkeypatch.setattr(image_source, "SMALL_PX", 1000)
+    monkeypatch.setattr(image_source.RawPyramid, "build", fail)
+    pixels = noise(600, 600)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    tile = read_when_ready(opened(tmp_path / "a.png", field()), 0, 1, 1)
+    assert np.array_equal(tile, cut_tile(pixels, 1, 1))
+
+
 def test_what_a_file_marks_as_absent_is_clear(opened, tmp_path):
     pixels = np.dstack([noise(60, 60), np.zeros((60, 60), np.uint8)])
     pixels[:30, :, 3] = 255
