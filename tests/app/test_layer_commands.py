@@ -143,3 +143,15 @@ def test_a_session_settles_when_its_layers_are_loaded_and_its_light_is_baked(ses
             break
     assert session.is_still
     assert not session.stage.is_loading
+
+
+def test_another_terrain_keeps_the_layers_that_are_made_from_the_terrain_itself(session, tmp_path):
+    Image.new("RGB", (4, 4), (9, 9, 9)).save(tmp_path / "a.png")
+    layers = session.layers
+    for text in ("cover+winter", str(tmp_path / "a.png"), "slope"):
+        assert layers.add(text)
+    assert layers.edit(2, visibility=str(tmp_path / "a.png"))
+    layers.set_time(0.25)
+    kept = layers.elsewhere
+    assert [layer.name for layer in kept.layers] == ["Land cover"]
+    assert kept.time == 0.25

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
 
 import numpy as np
@@ -226,3 +227,23 @@ def test_a_theme_is_computed_beside_the_picture_and_then_shown(stage):
 def test_what_is_neither_theme_nor_file_is_refused_in_one_line():
     with pytest.raises(InputError, match=r"slope, aspect.*'nothing\.png'"):
         Library(LEVEL).open("nothing.png")
+
+
+def test_a_stage_with_layers_leaves_nothing_on_the_gpu(gpu):
+    def count():
+        exists = [gpu.function(f"glIs{kind}", ctypes.c_ubyte, ctypes.c_uint) for kind in ("Texture", "Framebuffer")]
+        return [sum(each(name) for name in range(1, 2000)) for each in exists]
+
+    def come_and_go():
+        stage = Stage(gpu, open_scene(LEVEL), "reference", look=CLEAR)
+        show(stage, LayerStack((layer("red"),)))
+        stage.set_look(replace(CLEAR, shading="hillshade"))
+        show(stage, LayerStack())
+        stage.release()
+        keep.append(stage)  # nothing may be left to the garbage collector
+
+    keep = []
+    come_and_go()  # compiles programs, which stay
+    before = count()
+    come_and_go()
+    assert count() == before
