@@ -26,7 +26,7 @@ from terrain.textures.tree import SLOT_BYTES, Floats, Ints, TextureTree, TileSou
 TREE_LIMIT = 16  # as in shaders/lib/pages.glsl
 UPLOAD_BYTES = 4 << 20  # per frame at most ...
 UPLOAD_MS = 3.0  # ... and no further tile after this time
-FIGURES = ("tiles resident", "tiles loading", "tiles missing", "tiles MiB")
+FIGURES = ("textures resident", "textures loading", "textures missing", "textures [MiB]")
 EDGE = 1e-6  # of an image's size: what is nearer to its far edges must not be rounded to a tile beyond
 MOST_REQUESTS = 64  # handed to the workers at a time; the list is made anew in every frame
 

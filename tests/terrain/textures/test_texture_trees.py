@@ -21,6 +21,7 @@ from terrain.textures.array_source import ArraySource, whole_extent
 from terrain.textures.atlas import SLOTS_PER_LAYER
 from terrain.textures.look import LookSettings
 from terrain.textures.tree import SLOT_PX, TILE_PX
+from terrain.textures.trees import UPLOAD_BYTES
 
 SIZE_PX = (160, 100)
 CLEAR = LookSettings(fog=False)
@@ -170,14 +171,14 @@ def test_parents_are_shown_until_tiles_come(staged):
     assert share == 1.0
     assert level[judged].min() == 3  # nothing finer can be read yet
     assert stage.is_loading
-    assert stage.renderer.stats.extra["tiles missing"] > 0
+    assert stage.renderer.stats.extra["textures missing"] > 0
     source.gate.set()
     picture = stage.render(camera, SIZE_PX).astype(int)
     share, level, judged = inner_share(picture, px, stage)
     assert share == 1.0
     assert level[judged].min() == 0
     assert not stage.is_loading
-    assert stage.renderer.stats.extra["tiles missing"] == 0
+    assert stage.renderer.stats.extra["textures missing"] == 0
 
 
 def test_whatever_is_evicted_no_pixel_ever_shows_a_wrong_tile_and_the_budget_holds(staged):
@@ -191,6 +192,7 @@ def test_whatever_is_evicted_no_pixel_ever_shows_a_wrong_tile_and_the_budget_hol
     for way in [*there, *there[::-1], *there]:  # what was evicted comes into view again
         camera = oblique(way, 1.0 - 0.8 * way, 30.0, 40.0)
         at_once = draw_once(stage, camera)
+        assert stage.trees.uploaded_bytes <= UPLOAD_BYTES
         px = texels_of(stage, source, camera)
         while not stage.load_tiles(stage.frame(camera, SIZE_PX)):
             pass
