@@ -80,10 +80,13 @@ class TileStream:
             waiting = {(result.handle, result.number) for result in self._results}
             skip = self._reading | self._resting.keys() | waiting
             self._wanted = deque(r for r in requests if (r.handle, r.number) not in skip)
-            self._changed.notify_all()
+            if self._wanted:  # threads that wake up for nothing cost the picture time
+                self._changed.notify_all()
 
     def collect(self, most: int) -> list[Result]:
         """Up to ``most`` results, oldest first."""
+        if not self._results:
+            return []
         with self._changed:
             found = [self._results.popleft() for _ in range(min(most, len(self._results)))]
             self._changed.notify_all()
