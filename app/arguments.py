@@ -155,7 +155,7 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
         " outside the lens; as often as needed",
     )  # fmt: skip
     group.add_argument("--lens", metavar="X,Z,R", type=circle, help="a lens on the ground: east, south, radius [m]")
-    group.add_argument("--layer-time", metavar="T", type=number, help="the time of layers that are animated")
+    group.add_argument("--layer-time", metavar="T", type=number, help="hold animated layers at this time")
     group.add_argument(
         "--exaggeration", metavar="K", type=positive, default=1.0, help="factor to the heights, in the picture only"
     )

@@ -79,7 +79,8 @@ def render(args: argparse.Namespace) -> None:
                 save_picture(stage, cameras[0], size_px, drawing.view, times_s[0], args.out, args.overwrite)
             else:
                 with open_sink(args.out, size_px, args.fps, args.overwrite, args.codec) as sink:
-                    pictures = draw_pictures(stage, cameras, times_s, size_px, drawing.view)
+                    animates = args.layer_time is None
+                    pictures = draw_pictures(stage, cameras, times_s, size_px, drawing.view, animates)
                     write_pictures(pictures, len(cameras), [sink], "Rendering")
             stats = stage.renderer.stats
             print(
@@ -260,7 +261,7 @@ def _film_tour(heightfield: Any, drawing: Any, flight: Any, size_px: tuple[int, 
     try:
         with FrameFolder(folder) as frames, Film(folder / "flight.mp4", size_px, TOUR_FPS) as film:
             cameras = [flight.camera_at(time_s) for time_s in times_s]
-            pictures = draw_pictures(stage, cameras, times_s, size_px, drawing.view)
+            pictures = draw_pictures(stage, cameras, times_s, size_px, drawing.view, animates=True)
             write_pictures(pictures, len(times_s), [frames, film], "Filming")
     finally:
         stage.release()

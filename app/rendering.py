@@ -73,10 +73,13 @@ def draw_slowly(
 
 
 def draw_pictures(
-    stage: Any, cameras: Iterable[Camera], times_s: Iterable[float], size_px: tuple[int, int], view: Any
-) -> Iterator[Picture]:
-    """The picture (height, width, 3) of each camera in turn."""
-    for camera, time_s in zip(cameras, times_s, strict=True):
+    stage: Any, cameras: Sequence[Camera], times_s: Sequence[float], size_px: tuple[int, int], view: Any,
+    animates: bool = False,
+) -> Iterator[Picture]:  # fmt: skip
+    """The picture (height, width, 3) of each camera in turn; ``animates`` lets the layers' time run with them."""
+    for number, (camera, time_s) in enumerate(zip(cameras, times_s, strict=True)):
+        if animates:
+            stage.animate_layers(number / max(len(times_s) - 1, 1))
         bands = [band for band in draw_bands(stage, camera, size_px, view, time_s) if band is not None]
         yield bands[0] if len(bands) == 1 else np.concatenate(bands)
 

@@ -86,6 +86,7 @@ class Stage:
         self.draws_legends = True
         self.bake_budget_ms = math.inf
         self.layers = LayerStack()
+        self._layer_sources: Mapping[str, TileSource] = {}
         self._tree_of: dict[str, tuple[int, TileSource]] = {}
         self._uniforms = self._find_uniforms()
         self._block = FrameBlock(gpu)
@@ -172,8 +173,15 @@ class Stage:
         for name in wanted:
             if name not in self._tree_of:
                 self._tree_of[name] = self.trees.add(sources[name]), sources[name]
-        self.layers = layers
+        self.layers, self._layer_sources = layers, sources
         self._uniforms = self._find_uniforms()
+
+    def animate_layers(self, share: float) -> None:
+        """Go to a share of the time from the first key frame of the layers to their last, 0..1."""
+        span = self.layers.time_range
+        if span is not None:
+            time = span[0] + share * (span[1] - span[0])
+            self.set_layers(replace(self.layers, time=time), self._layer_sources)
 
     def set_images(self, sources: Sequence[TileSource]) -> None:
         """Lay images on the ground, each over those before it, instead of what lay there."""

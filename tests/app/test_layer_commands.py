@@ -77,6 +77,21 @@ def test_rendered_layers_show_and_half_of_two_key_frames_is_their_mean(tmp_path,
     assert np.abs(0.5 * (one + other) - between).max() <= 2
 
 
+def test_in_a_series_of_pictures_time_runs_from_the_first_key_frame_to_the_last(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Image.new("RGB", (8, 8), (255, 0, 0)).save("red.png")
+    Image.new("RGB", (8, 8), (0, 0, 255)).save("blue.png")
+    command = ["render", "ramp:33", "--frames", "3", "--size", "48x27", "--set", "fog=off", "--out", "frames"]
+    assert main([*command, "--algorithm", "reference", "--layer", "red.png@5+blue.png@9:mix:1"]) in (None, 0)
+    shares = []
+    for path in sorted((tmp_path / "frames").glob("*.png")):
+        with Image.open(path) as image:
+            ground = np.asarray(image)[-6:].reshape(-1, 3).astype(float)  # at the foot of the picture
+        ground = ground[ground[:, 1] < 20]  # layers hold no green, the sky does
+        shares.append((ground[:, 2] / (ground[:, 0] + ground[:, 2])).mean())
+    assert np.allclose(shares, [0.0, 0.5, 1.0], atol=0.05)
+
+
 def test_a_layer_that_is_nowhere_is_answered_in_one_line_with_status_2(tmp_path, capsys):
     status = main(["render", "ramp:33", "--at", "0", "--layer", "nothing.png", "--out", str(tmp_path / "x.png")])
     assert status == 2
