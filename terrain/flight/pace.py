@@ -22,6 +22,7 @@ PACES: dict[Pace, str] = {
     "eased": "At the same speed, with a soft start and a soft end.",
 }
 _EASE = 0.2  # share of the time in which the speed rises, and in which it falls
+_TOP = 1.0 / (1.0 - _EASE)  # the speed between, so that all of the way is covered
 
 
 def flight_time(flight: Flight, pace: Pace, played_s: float) -> float:
@@ -46,16 +47,21 @@ def played_times(flight: Flight, pace: Pace, times_s: npt.ArrayLike) -> npt.NDAr
     at, way = flight.way
     share = np.interp(times, at, way) / way[-1] if way[-1] > 0.0 else times / duration_s
     if pace == "eased":
-        shares = np.linspace(0.0, 1.0, 1025)
-        share = np.interp(share, [eased(s) for s in shares.tolist()], shares)
+        share = _uneased(share)
     return np.asarray(share * duration_s)
 
 
 def eased(share: float) -> float:
     """Share of the way at a share of the time: the speed rises and falls linearly over `_EASE` of the time."""
-    top = 1.0 / (1.0 - _EASE)  # the speed between, so that all of the way is covered
     if share < _EASE:
-        return 0.5 * top / _EASE * share * share
+        return 0.5 * _TOP / _EASE * share * share
     if share > 1.0 - _EASE:
         return 1.0 - eased(1.0 - share)
-    return top * (share - 0.5 * _EASE)
+    return _TOP * (share - 0.5 * _EASE)
+
+
+def _uneased(share: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The inverse of `eased`."""
+    nearer = np.clip(np.minimum(share, 1.0 - share), 0.0, 1.0)  # the second half is the first turned round
+    time = np.where(nearer < 0.5 * _TOP * _EASE, np.sqrt(2.0 * _EASE / _TOP * nearer), nearer / _TOP + 0.5 * _EASE)
+    return np.where(share > 0.5, 1.0 - time, time)

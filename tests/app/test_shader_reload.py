@@ -10,9 +10,19 @@ import pytest
 from imgui_bundle import imgui
 from ui_harness import AVAILABLE, UiHarness
 
+from terrain.gpu.context import create_offscreen_gpu
 from terrain.gpu.programs import SHADERS
 
 TITLE = "Broken shaders"
+
+
+@pytest.fixture(scope="module")
+def app_gpu():
+    """A GPU of its own: what other tests compiled would be compiled again with every change here."""
+    gpu = create_offscreen_gpu()
+    yield gpu
+    gpu.release()
+    gpu.ctx.release()
 
 
 @pytest.fixture

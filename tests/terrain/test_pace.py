@@ -28,7 +28,7 @@ def test_time_never_runs_back_and_begins_and_ends_with_the_flight(pace, a, b):
 
 @given(st.sampled_from(list(PACES)), st.floats(0, 10))
 def test_the_moment_shown_at_a_time_is_shown_at_that_time(pace, played_s):
-    assert played_times(HASTY, pace, flight_time(HASTY, pace, played_s)) == pytest.approx(played_s, abs=2e-3)
+    assert played_times(HASTY, pace, flight_time(HASTY, pace, played_s)) == pytest.approx(played_s, abs=1e-6)
 
 
 def test_constant_pace_covers_equal_ways_in_equal_times():
