@@ -1,10 +1,11 @@
 #version 330 core
 // Slices of Roettger and Ertl's adaptive slicing: one instance per slice, made from the small record of its box.
 #include "lib/frame.glsl"
+#include "lib/packed.glsl"
 #include "lib/slices.glsl"
 
 in uint in_slice;
-out vec3 v_position_m;  // relative to the eye
+out vec3 v_at;  // posts from the eye in x and z, metres above it in y
 flat out uint v_slice;
 
 void main() {
@@ -17,7 +18,7 @@ void main() {
     position[axis] = plane;
     position[across] = (gl_VertexID & 1) == 0 ? low[across] : high[across];
     position[along] = gl_VertexID < 2 ? low[along] : high[along];
-    v_position_m = position;
+    v_at = vec3(posts_from_eye(position), position.y).xzy;
     v_slice = in_slice;
     gl_Position = u_clip_from_eye * vec4(position, 1.0);
 }

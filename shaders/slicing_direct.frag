@@ -1,17 +1,16 @@
 #version 330 core
 // Slices drawn straight into the picture: antialiased (section 7), for counting, and as lines.
 #include "lib/frame.glsl"
-#include "lib/surface.glsl"
 #include "lib/packed.glsl"
 #include "lib/secant.glsl"
 #include "lib/slices.glsl"
 #include "lib/output.glsl"
 
-in vec3 v_position_m;
+in vec3 v_at;  // posts from the eye in x and z, metres above it in y
 flat in uint v_slice;
 
 void main() {
-    vec3 position = v_position_m;
+    vec3 position = vec3(v_at.x * u_grid.z - u_eye_post.z, v_at.y, v_at.z * u_grid.w - u_eye_post.w);
 #ifdef ANTIALIASED
     // Opacity falls from one to zero over one pixel above the surface; slices come back to front.
     float pixel_m = length(position) / u_eye_height.w;

@@ -6,7 +6,6 @@
 // Neighbouring pixels may lie on different hills: how fast texture coordinates change is bounded.
 vec2 ground_across = vec2(0.0), ground_up = vec2(0.0);
 #define texture(image, place) textureGrad(image, place, ground_across, ground_up)
-#include "lib/surface.glsl"
 #include "lib/packed.glsl"
 #include "lib/secant.glsl"
 #include "lib/slices.glsl"
@@ -15,7 +14,11 @@ vec2 ground_across = vec2(0.0), ground_up = vec2(0.0);
 uniform usampler2D u_extra1;  // names of the slices hit
 in vec2 v_screen;
 
+#ifdef HOLES
+const float ENOUGH_PX = 0.005;       // seen along the ground, a little height is far enough to come upon a hole
+#else
 const float ENOUGH_PX = 0.15;        // how near the surface a point must be found
+#endif
 const float STEEPEST = 12.0;         // a pixel covers at most this many times its width: ground seen under 5 degrees
 
 vec2 bounded(vec2 change, float most) {

@@ -1,8 +1,9 @@
 // What slices are made of: one record per box, and one word that names a slice; terrain/renderers/slicing_bundles.py
 // writes both. Include after lib/frame.glsl.
-uniform sampler2D u_extra0;  // three texels per box, RECORDS_PER_ROW boxes per row
+uniform sampler2D u_extra0;  // two texels per box, RECORDS_PER_ROW boxes per row
 
 const int RECORDS_PER_ROW = 256;
+const float AXIS_STEP = 1024.0;  // the axis is kept with the number of slices, as so many times this
 const uint BOX_BITS = 20u, LAST_NUMBER = 4095u;  // box in the low bits of the word, number of the slice above
 const uint FACES = 6u;                           // numbers from the last one down are the box's own faces
 
@@ -16,10 +17,14 @@ struct Bundle {
 
 Bundle bundle_of(uint name) {
     int box = int(name & ((1u << BOX_BITS) - 1u));
-    ivec2 texel = ivec2(3 * (box % RECORDS_PER_ROW), box / RECORDS_PER_ROW);
+    ivec2 texel = ivec2(2 * (box % RECORDS_PER_ROW), box / RECORDS_PER_ROW);
     vec4 lower = texelFetch(u_extra0, texel, 0), upper = texelFetch(u_extra0, texel + ivec2(1, 0), 0);
-    vec4 run = texelFetch(u_extra0, texel + ivec2(2, 0), 0);
-    return Bundle(lower.xyz, upper.xyz, lower.w, upper.w, int(run.x), run.y, run.z);
+    float axis = floor(lower.w / AXIS_STEP), count = lower.w - axis * AXIS_STEP;
+    float low = axis == 0.0 ? lower.x : axis == 1.0 ? lower.y : lower.z;
+    float high = axis == 0.0 ? upper.x : axis == 1.0 ? upper.y : upper.z;
+    bool is_ahead = abs(low) < abs(high);
+    float near = is_ahead ? low : high, far = is_ahead ? high + upper.w : low - upper.w;
+    return Bundle(lower.xyz, upper.xyz, count, upper.w, int(axis), near, far);
 }
 
 // The plane of a slice: its axis and where it stands on it. Faces come in the order x low, x high, y low ... z high.

@@ -39,6 +39,7 @@ from terrain.algorithms.slicing_cost import (
     View,
     paper_bundles,
     refined_bundles,
+    search_cost_ms,
 )
 from terrain.algorithms.slicing_tree import Nodes, SliceTree
 from terrain.frame import Frame
@@ -55,8 +56,10 @@ START_RATIO = 12.0
 # A slice is named by one 32-bit word: its box in the low bits, its number above. Numbers from the last one down are the
 # box's own faces: x low, x high, y low, y high, z low, z high.
 BOX_BITS, LAST_NUMBER, FACE_COUNT = 20, 4095, 6
-# The picture is cut into so many strips where slices are looked for; this share of them shows none in the end.
-STRIPS, IN_VAIN = 16, 0.5
+# Slices are looked for in squares of the picture of this size.
+PATCH_PX = 16
+# Slices are drawn beside polygons where they save this share of what polygons alone would cost.
+WORTHWHILE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +75,8 @@ class Cut:
         POLYGONS, X_SLICES, Y_SLICES or Z_SLICES.
     slices : ndarray of int32
         Slices, without the faces that close the bundle; 0 for polygons.
+    patches : ndarray of float32, (k, 4)
+        Where in the picture the slices are (`patches_of`).
     cost_ms : float
         What all boxes together were estimated to cost.
     """
@@ -81,6 +86,7 @@ class Cut:
     upper_m: npt.NDArray[np.float64]
     direction: Ints
     slices: Ints
+    patches: Floats
     cost_ms: float
 
 
@@ -164,21 +170,23 @@ def _look_at(
     parent: npt.NDArray[np.intp] | None = None,
 ) -> _Choice:  # fmt: skip
     """Those of the nodes in front of the four sides and the near plane, with their bundles and costs."""
-    lower, upper = (corner.astype(np.float32) for corner in tree.corners(nodes, frame.eye_m))
-    centre, half = (lower + upper) * np.float32(0.5), (upper - lower) * np.float32(0.5)
-    distance, reach = centre @ planes.T, half @ np.abs(planes).T  # (n, 5)
-    distance[:, 4] -= np.float32(frame.near_m)
-    kept = np.flatnonzero((distance > -reach).all(axis=1))
-    lower, upper, distance, reach, nodes = lower[kept], upper[kept], distance[kept], reach[kept], nodes.where(kept)
-    share = 0.5 + 0.5 * distance[:, :4] / np.maximum(reach[:, :4], np.float32(1e-6))
-    inside: Floats = np.clip(share, 0, 1).prod(axis=1, dtype=np.float32)
-    dx, dz = tree.spacing_m
-    cells = np.asarray((upper[:, 0] - lower[:, 0]) * (upper[:, 2] - lower[:, 2]) / (dx * dz), np.float32)
-    boxes = Boxes(lower, upper, inside, cells, tree.peak_m[tree.number(nodes)])
+    lower, upper = (corner.T.astype(np.float32) for corner in tree.corners(nodes, frame.eye_m))  # (3, n)
+    distance = planes @ ((lower + upper) * np.float32(0.5))  # (5, n)
+    reach = np.abs(planes) @ ((upper - lower) * np.float32(0.5))
+    distance[4] -= np.float32(frame.near_m)
+    kept = np.flatnonzero((distance > -reach).all(axis=0))
+    lower, upper, distance, reach, nodes = (
+        *(a.take(kept, axis=1) for a in (lower, upper, distance, reach)), nodes.where(kept)
+    )  # fmt: skip
+    share = np.float32(0.5) + np.float32(0.5) * distance[:4] / np.maximum(reach[:4], np.float32(1e-6))
+    inside: Floats = np.clip(share, 0, 1).prod(axis=0, dtype=np.float32)
+    dx, dz = (np.float32(spacing) for spacing in tree.spacing_m)
+    cells = (upper[0] - lower[0]) * (upper[2] - lower[2]) / (dx * dz)
+    boxes = Boxes(lower.T, upper.T, inside, cells, tree.peak_m.T.take(tree.number(nodes), axis=1).T)
     bundles = (paper_bundles if paper else refined_bundles)(boxes, view, speeds)
     if paper:  # no bound where the box crosses the near plane or the sides: descend, polygons at the leaves
         crosses = distance < reach
-        bundles.slices_ms[crosses[:, 4] | (crosses[:, :4].any(axis=1) & (nodes.level > BASE_LEVEL))] = np.inf
+        bundles.slices_ms[crosses[4] | (crosses[:4].any(axis=0) & (nodes.level > BASE_LEVEL))] = np.inf
     return _Choice(np.zeros(len(kept), np.intp) if parent is None else parent[kept], nodes, *bundles)
 
 
@@ -194,28 +202,22 @@ def _decide(tree: SliceTree, frame: Frame, mode: Mode, speeds: Speeds, parts: li
         sliced[:] = False
     elif mode == "hybrid":
         sliced &= slices_ms < polygons_ms
-    search_ms = _search_ms(tree, frame, speeds, nodes.where(sliced))
-    # The pass that looks for slices covers more than they do: below its cost no slice pays.
-    if mode == "hybrid" and (polygons_ms - slices_ms)[sliced].sum() < search_ms:
-        sliced[:], search_ms = False, 0.0
-    order = front_to_back(tree, frame, nodes)
-    nodes, sliced = nodes.where(order), sliced[order]
     lower, upper = tree.corners(nodes)
+    patches, search_ms = np.zeros((0, 4), np.float32), 0.0
+    if sliced.any():
+        patches = patches_of(lower[sliced], upper[sliced], frame)
+        search_ms = search_cost_ms(patches, frame.viewport_px, speeds)
+    # The pass that looks for slices covers more than they do, and estimates are uncertain: small gains are none.
+    if mode == "hybrid" and (polygons_ms - slices_ms)[sliced].sum() < search_ms + WORTHWHILE * polygons_ms.sum():
+        sliced[:], search_ms = False, 0.0
+        patches = patches[:0]
+    order = front_to_back(tree, frame, nodes)
+    sliced = sliced[order]
     cost_ms = float(np.where(sliced, slices_ms[order], polygons_ms[order]).sum()) + search_ms
     return Cut(
-        nodes, lower, upper, np.where(sliced, direction[order], np.int32(POLYGONS)),
-        np.where(sliced, slices[order], np.int32(0)), cost_ms,
+        nodes.where(order), lower[order], upper[order], np.where(sliced, direction[order], np.int32(POLYGONS)),
+        np.where(sliced, slices[order], np.int32(0)), patches, cost_ms,
     )  # fmt: skip
-
-
-def _search_ms(tree: SliceTree, frame: Frame, speeds: Speeds, sliced: Nodes) -> float:
-    """What is spent on pixels that show no slice in the end."""
-    if not len(sliced.level):
-        return 0.0
-    strips = strips_of(*tree.corners(sliced), frame)
-    share = float(((strips[:, 2] - strips[:, 0]) * (strips[:, 3] - strips[:, 1])).sum())
-    pixels = share * frame.viewport_px[0] * frame.viewport_px[1]
-    return speeds.search_ms + IN_VAIN * pixels * speeds.found_pixel_ms
 
 
 def front_to_back(tree: SliceTree, frame: Frame, nodes: Nodes) -> npt.NDArray[np.intp]:
@@ -263,25 +265,33 @@ def name_slices(cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool) -> npt.N
     return np.asarray(box | number << BOX_BITS).astype(np.uint32)
 
 
-def strips_of(lower_m: npt.NDArray[np.float64], upper_m: npt.NDArray[np.float64], frame: Frame) -> Floats:
-    """Upright strips of the picture and how much of each the boxes (n, 3) cover: (`STRIPS`, 4) float32.
+def patches_of(lower_m: npt.NDArray[np.float64], upper_m: npt.NDArray[np.float64], frame: Frame) -> Floats:
+    """Where in the picture the boxes (n, 3) are: rows of squares of `PATCH_PX` pixels, as rectangles (k, 4) float32.
 
-    Columns are the low and the high corner, 0..1 from the lower left; a strip without boxes is empty.
+    Columns are the low and the high corner, 0..1 from the lower left.
     """
-    ends = np.stack([lower_m, upper_m]) - frame.eye_m
-    which = np.arange(8)[:, None] >> np.arange(3) & 1
-    corner = ends[which, :, np.arange(3)].transpose(2, 0, 1)  # (n, 8, 3)
-    clip = corner @ frame.clip_from_eye[[0, 1, 3], :3].T
+    clip_from_eye = frame.clip_from_eye[[0, 1, 3], :3]
+    ends = np.stack([lower_m, upper_m]).transpose(2, 0, 1) - frame.eye_m[:, None, None]  # (axis, end, n)
+    x, y, z = (clip_from_eye.T[:, None, :, None] * ends[:, :, None]).astype(np.float32)  # (end, clip x y w, n) each
+    clip = (x[:, None, None] + y[:, None] + z).reshape(8, 3, -1)
+    size_px = np.array(frame.viewport_px, np.float32)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        screen = np.clip(0.5 + 0.5 * clip[..., :2] / clip[..., 2:], 0.0, 1.0)
-    low, high = screen.min(axis=1), screen.max(axis=1)
-    around = (clip[..., 2] <= frame.near_m).any(axis=1)  # a corner behind the eye says nothing
-    low[around], high[around] = 0.0, 1.0
-    margin = 1.5 / np.array(frame.viewport_px)  # borders of slices, and rounding
-    edge = np.arange(STRIPS + 1) / STRIPS
-    touches = (low[:, 0] - margin[0] <= edge[1:, None]) & (high[:, 0] + margin[0] >= edge[:-1, None])  # (STRIPS, n)
-    strips = np.zeros((STRIPS, 4), np.float32)
-    strips[:, 0], strips[:, 2] = edge[:-1], edge[1:]
-    strips[:, 1] = np.where(touches, low[:, 1] - margin[1], 1.0).min(axis=1, initial=1.0).clip(0.0)
-    strips[:, 3] = np.where(touches, high[:, 1] + margin[1], 0.0).max(axis=1, initial=0.0).clip(strips[:, 1], 1.0)
-    return strips
+        place_px = (np.float32(0.5) + np.float32(0.5) * clip[:, :2] / clip[:, 2:]) * size_px
+    low, high = place_px.min(axis=0), place_px.max(axis=0)  # (2, n)
+    around = clip[:, 2].min(axis=0) <= frame.near_m  # a corner behind the eye says nothing
+    low[:, around], high[:, around] = 0.0, size_px
+    cols, rows = (-(-size // PATCH_PX) for size in frame.viewport_px)
+    most = np.array([cols, rows])[:, None] - 1
+    margin_px = np.float32(1.5)  # borders of slices, and rounding
+    left, bottom = ((low - margin_px) / PATCH_PX).clip(0, most).astype(np.int64)
+    right, top = ((high + margin_px) / PATCH_PX).clip(0, most).astype(np.int64) + 1
+    # How many boxes cover each square: sums of what begins and ends along both axes.
+    change = sum(
+        sign * np.bincount(row * (cols + 1) + col, minlength=(rows + 1) * (cols + 1))
+        for row, col, sign in ((bottom, left, 1), (bottom, right, -1), (top, left, -1), (top, right, 1))
+    )
+    covered = np.cumsum(np.cumsum(np.reshape(change, (rows + 1, cols + 1)), axis=0), axis=1)[:-1, :-1] > 0
+    edges = np.diff(np.pad(covered, ((0, 0), (1, 1))), axis=1)
+    row, col = np.nonzero(edges)
+    corners = np.stack([col[::2], row[::2], col[1::2], row[::2] + 1], axis=1) * PATCH_PX / np.tile(size_px[:, 0], 2)
+    return np.minimum(corners, 1.0).astype(np.float32)

@@ -27,13 +27,17 @@ MOST_SLICES = 512
 LEAF_CELLS = 64
 # Planes never come closer than this share of the tolerance: what is thinner shows in one pixel or not at all. (With the
 # paper's whole pixel, single pixels leaked between the treetops of a city.)
-DENSEST = 0.35
-# The share of a box's triangles that cost what a visible one does; the others face away, or are hidden or outside.
-TRIANGLES_SEEN = 0.42
+DENSEST = 0.2
+# A triangle that no pixel shows costs this share of one that some pixel does.
+UNSEEN = 0.3
+# Seen along the ground most triangles are hidden by others: so many are shown, and so many more per sine of the angle.
+SHOWN_LEVEL, SHOWN_PER_SINE = 0.2, 4.0
 # Faces of its own that close a bundle, on average.
 FACES = 2
-# Rasterisers work on blocks of pixels: a slice of w x h pixels touches about (w + 4) (h + 4).
-BLOCK_PX = 4.0
+# By drawn frames: pixels of a slice cost this many times what those of one that fills the picture do, since rasterisers
+# work on blocks; pixels that show slices, this many times what they do on level ground; pixels beside them in which
+# slices are looked for, so many times.
+BLOCKS, FOUND, IN_VAIN = 1.4, 1.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -45,11 +49,11 @@ class Speeds:
     vertex_ms, pixel_ms : float
         The paper's 1 / vtx_speed and 1 / rst_speed (section 4).
     slice_ms, slice_pixel_ms : float
-        One slice, and one of its pixels that passes the depth test.
+        One slice of a few pixels, and one more of its pixels that passes the depth test.
     found_pixel_ms : float
         One pixel whose surface is looked for between two planes, and shaded.
     triangle_ms, polygon_pixel_ms : float
-        One triangle of a polygon box, and one of its pixels.
+        One triangle of a polygon box that is shown, and one of its pixels.
     search_ms : float
         Preparing to find slices, whether there are any or not.
     """
@@ -143,20 +147,18 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     below = np.abs(centre[:, 1])
     distance = np.hypot(across, below)
     gap = np.maximum(np.maximum(lower, -upper), 0)
-    near = np.maximum(np.sqrt(np.einsum("ni,ni->n", gap, gap)), np.float32(1e-3))
+    near = np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2).clip(np.float32(1e-3))
     pixel = near * np.float32(view.tolerance_px) / scale  # the paper's spacing [m]
     chord = chord_cells(boxes.peak_m, pixel * np.float32(PEAK_PX))
     # Perspective makes the near part of a box count more than its centre, the more the box surrounds the eye.
     per_m = scale / np.sqrt(distance * near)
     most_px = np.float32(view.pixels)
-    pixel_ms = np.float32(speeds.slice_pixel_ms) * boxes.inside
+    pixel_ms = np.float32(BLOCKS * speeds.slice_pixel_ms) * boxes.inside
 
     def slices_ms(count: Floats, width_m: Floats, height_m: Floats) -> Floats:
         many = (count > np.float32(MOST_SLICES)) & (boxes.cells > np.float32(LEAF_CELLS + 0.5))
-        touched = np.minimum(
-            (width_m * per_m + np.float32(BLOCK_PX)) * (height_m * per_m + np.float32(BLOCK_PX)), most_px
-        )
-        cost = (count + np.float32(FACES)) * np.float32(speeds.slice_ms) + count * touched * pixel_ms
+        slice_px = np.minimum(width_m * height_m * per_m * per_m, most_px)
+        cost = (count + np.float32(FACES)) * np.float32(speeds.slice_ms) + count * slice_px * pixel_ms
         return np.where(many, np.float32(np.inf), cost)
 
     facing = _facing(boxes, view)
@@ -182,12 +184,21 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     horizontal = cost_y < cost_xz
     # What a box shows: its ground, and half of the side it turns to the eye.
     shown = np.minimum(side * (deep + np.float32(0.5) * tall) * per_m * per_m, most_px) * boxes.inside
+    triangles = 2 * boxes.cells
+    visible = np.minimum(np.float32(SHOWN_LEVEL) + np.float32(SHOWN_PER_SINE) * below / distance, 1)
+    dear = np.float32(UNSEEN) * triangles + visible * np.minimum(triangles * boxes.inside, shown)
     return Bundles(
         np.where(horizontal, np.int32(Y_SLICES), facing),
         np.where(horizontal, count_y, count_xz).clip(1, MOST_SLICES).astype(np.int32),
-        np.minimum(cost_y, cost_xz) + np.float32(speeds.found_pixel_ms) * shown,
-        boxes.cells * np.float32(2 * TRIANGLES_SEEN * speeds.triangle_ms) + np.float32(speeds.polygon_pixel_ms) * shown,
+        np.minimum(cost_y, cost_xz) + np.float32(FOUND * speeds.found_pixel_ms) * shown,
+        dear * np.float32(speeds.triangle_ms) + np.float32(speeds.polygon_pixel_ms) * shown,
     )
+
+
+def search_cost_ms(patches: Floats, viewport_px: tuple[int, int], speeds: Speeds) -> float:
+    """What it takes to look for slices in rectangles (k, 4) of the picture, whether there are any or not."""
+    share = float(((patches[:, 2] - patches[:, 0]) * (patches[:, 3] - patches[:, 1])).sum())
+    return speeds.search_ms + IN_VAIN * share * viewport_px[0] * viewport_px[1] * speeds.found_pixel_ms
 
 
 def chord_cells(peak_m: Floats, allowed_m: Floats) -> Floats:
@@ -201,14 +212,14 @@ def chord_cells(peak_m: Floats, allowed_m: Floats) -> Floats:
     peak_m : ndarray (n, k), not falling along k
     allowed_m : ndarray (n,)
     """
-    count = peak_m.shape[1]
-    lengths = np.concatenate([[0.0], 2.0 ** np.arange(1, count + 1)]).astype(np.float32)
-    below = (peak_m <= allowed_m[:, None]).sum(axis=1)
-    above = np.minimum(below, count - 1)
-    rows = np.arange(len(peak_m))
-    start = np.where(below > 0, peak_m[rows, below - 1], np.float32(0))
-    share = np.clip((allowed_m - start) / np.maximum(peak_m[rows, above] - start, np.float32(1e-30)), 0.0, 1.0)
-    return np.asarray(lengths[below] + share * (lengths[above + 1] - lengths[below]))
+    below, length = np.zeros(len(peak_m), np.float32), np.float32(0)
+    chord = np.zeros(len(peak_m), np.float32)
+    for k in range(peak_m.shape[1]):  # each reached in full adds its share of the next
+        peak, further = peak_m[:, k], np.float32(2 ** (k + 1))
+        share = (allowed_m - below) / np.maximum(peak - below, np.float32(1e-30))
+        chord += np.clip(share, 0.0, 1.0) * (further - length)
+        below, length = peak, further
+    return chord
 
 
 def _facing(boxes: Boxes, view: View) -> Ints:

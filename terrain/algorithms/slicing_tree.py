@@ -46,7 +46,7 @@ class SliceTree:
     culler : Culler
         Finds the nodes a cut starts from.
     lowest_m, highest_m : ndarray of float32 (n,)
-    peak_m : ndarray of float32 (n, CHORDS)
+    peak_m : ndarray of float32 (n, CHORDS), stored by columns
         Column k: the most that ground rises over the middle of a chord of 2^(k + 1) cells.
     offset, rows, cols : ndarray of int32, by level
         Node (level, row, col) stands at offset[level] + row * cols[level] + col.
@@ -77,7 +77,7 @@ class SliceTree:
         dx, dz = self.spacing_m
         west, north = nodes.col << nodes.level, nodes.row << nodes.level
         size = np.left_shift(np.int32(1), nodes.level)
-        lower, upper = np.empty((len(number), 3)), np.empty((len(number), 3))
+        lower, upper = np.empty((3, len(number))).T, np.empty((3, len(number))).T  # columns are what numpy works along
         lower[:, 0], upper[:, 0] = west * dx, np.minimum(west + size, self.cells[1]) * dx
         lower[:, 1], upper[:, 1] = self.lowest_m[number], self.highest_m[number]
         lower[:, 2], upper[:, 2] = north * dz, np.minimum(north + size, self.cells[0]) * dz
@@ -112,7 +112,7 @@ def build_slice_tree(scene: Scene) -> SliceTree:
         Culler(scene, BASE_LEVEL),
         np.concatenate([pyramid.minimum(k).ravel() for k in levels]),
         np.concatenate([pyramid.maximum(k).ravel() for k in levels]),
-        np.concatenate([p.reshape(-1, CHORDS) for p in peaks]),
+        np.concatenate([p.reshape(-1, CHORDS).T for p in peaks], axis=1).T,
         np.concatenate([below, np.cumsum([0, *sizes[:-1]], dtype=np.int32)]).astype(np.int32),
         np.concatenate([below, [s[0] for s in shapes]]).astype(np.int32),
         np.concatenate([below, [s[1] for s in shapes]]).astype(np.int32),

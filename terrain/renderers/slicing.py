@@ -17,7 +17,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.slicing import BOX_BITS, FACE_COUNT, LAST_NUMBER, Cut, name_slices, select_cut, strips_of
+from terrain.algorithms.slicing import BOX_BITS, FACE_COUNT, LAST_NUMBER, Cut, name_slices, patches_of, select_cut
 from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
 from terrain.algorithms.slicing_tree import Nodes, build_slice_tree
 from terrain.frame import Frame, FrameStats
@@ -156,10 +156,11 @@ class SlicingRenderer:
                 target.depth_mask = True
                 self._gpu.ctx.depth_func = ">"
             else:
-                sliced = cut.direction != POLYGONS
-                bundles.resolve(
-                    frame.output, strips_of(cut.lower_m[sliced], cut.upper_m[sliced], frame), paper, underground
-                )
+                patches = cut.patches
+                if frame.whole_px is not None:
+                    sliced = cut.direction != POLYGONS
+                    patches = patches_of(cut.lower_m[sliced], cut.upper_m[sliced], frame)
+                bundles.resolve(frame.output, patches, paper, underground)
 
     def _may_be_underground(self, frame: Frame) -> bool:
         """Whether a ray may be in the ground without having met it from above."""

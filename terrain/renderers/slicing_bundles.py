@@ -1,7 +1,7 @@
 """The GPU's side of slices: packed heights, one small record per box, one word per slice, and the passes over them.
 
-A record holds three texels: the box's lower corner and the number of slices; its upper corner and the width of the
-border; axis, near face and far face. ``shaders/lib/slices.glsl`` reads them.
+A record holds two texels: the box's lower corner, and the axis together with the number of slices; its upper corner and
+the width of the border. ``shaders/lib/slices.glsl`` reads them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.slicing import STRIPS, Cut
+from terrain.algorithms.slicing import Cut
 from terrain.algorithms.slicing_cost import Y_SLICES, Z_SLICES
 from terrain.frame import Frame, Output
 from terrain.gpu.context import Gpu
@@ -21,6 +21,7 @@ from terrain.gpu.geometry import Geometry
 from terrain.gpu.programs import UNITS
 
 RECORDS_PER_ROW = 256
+AXIS_STEP = 1024  # more than the most slices
 GL_COLOR = 0x1800
 # How far slices reach over their box [px]: corners of triangles are rounded to 1/256 px, and no ray may slip between.
 BORDER_PX = 0.1
@@ -41,10 +42,10 @@ class SliceBundles:
         self.slices = 0
         self._packed = pack_cells(gpu, heights_m)
         self._names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
-        self._records = self._texture((3 * RECORDS_PER_ROW, 16), 4, "f4")
-        self._strips = gpu.ctx.buffer(reserve=16 * STRIPS, dynamic=True)
+        self._records = self._texture((2 * RECORDS_PER_ROW, 16), 4, "f4")
+        self._patches = gpu.ctx.buffer(reserve=16 << 8, dynamic=True)
         content = [(self._names, "1u /i", "in_slice")]
-        strips = [(self._strips, "4f /i", "in_strip")]
+        patches = [(self._patches, "4f /i", "in_patch")]
         self._found, self._resolve, self._direct = (
             {
                 key: Geometry(gpu, vertex, fragment, slices, defines=dict.fromkeys(key, 1))
@@ -52,7 +53,7 @@ class SliceBundles:
             }
             for vertex, fragment, slices, keys in (
                 ("slicing", "slicing", content, ((), ("FROM_ABOVE_ONLY",))),
-                ("slicing_resolve", "slicing_resolve", strips, ((), ("HARD_TEST",), ("FROM_ABOVE_ONLY",))),
+                ("slicing_resolve", "slicing_resolve", patches, ((), ("HARD_TEST",), ("FROM_ABOVE_ONLY",))),
                 ("slicing", "slicing_direct", content, ((), ("ANTIALIASED",), ("ANTIALIASED", "HARD_TEST"))),
             )
         )  # fmt: skip
@@ -80,8 +81,8 @@ class SliceBundles:
         records = pack_records(cut, frame, border_px)
         if len(records) > self._records.height:
             self._records.release()
-            self._records = self._texture((3 * RECORDS_PER_ROW, 2 * len(records)), 4, "f4")
-        self._records.write(records, viewport=(0, 0, 3 * RECORDS_PER_ROW, len(records)))
+            self._records = self._texture((2 * RECORDS_PER_ROW, 2 * len(records)), 4, "f4")
+        self._records.write(records, viewport=(0, 0, 2 * RECORDS_PER_ROW, len(records)))
         return records.nbytes
 
     def find(self, target: moderngl.Framebuffer, from_above_only: bool) -> None:
@@ -96,16 +97,18 @@ class SliceBundles:
         target.use()
 
     def resolve(
-        self, output: Output, strips: npt.NDArray[np.float32], hard_test: bool, from_above_only: bool = False
+        self, output: Output, patches: npt.NDArray[np.float32], hard_test: bool, from_above_only: bool = False
     ) -> None:
-        """Write what was found inside ``strips`` (`strips_of`) into the bound target."""
+        """Write what was found inside ``patches`` (`patches_of`) into the bound target."""
         key = ("HARD_TEST",) if hard_test else ("FROM_ABOVE_ONLY",) if from_above_only else ()
         ctx = self._gpu.ctx
         self.bind()
-        self._strips.write(strips)
+        if patches.nbytes > self._patches.size:
+            self._patches.orphan(2 * patches.nbytes)
+        self._patches.write(patches)
         ctx.disable(moderngl.CULL_FACE)
         ctx.depth_func = "1"  # always: a point found on the slice itself has the very depth that is there
-        self._resolve[key].render(output, moderngl.TRIANGLE_STRIP, 4, instances=len(strips))
+        self._resolve[key].render(output, moderngl.TRIANGLE_STRIP, 4, instances=len(patches))
         ctx.depth_func = ">"
         ctx.enable(moderngl.CULL_FACE)
 
@@ -129,7 +132,7 @@ class SliceBundles:
             for geometry in geometries.values():
                 geometry.release()
         self._release_hits()
-        for part in (self._packed, self._names, self._records, self._strips):
+        for part in (self._packed, self._names, self._records, self._patches):
             part.release()
 
     def bind(self) -> None:
@@ -165,15 +168,18 @@ class SliceBundles:
 
 
 def pack_cells(gpu: Gpu, heights_m: npt.NDArray[np.float32]) -> moderngl.Texture:
-    """The four corner heights (nw, ne, sw, se) of every cell in one RGBA32F texel: a sample costs one fetch."""
+    """What every cell's height is made of (``shaders/lib/packed.glsl``) in one RGBA32F texel: one fetch a sample."""
     rows, cols = heights_m.shape
     texture = gpu.ctx.texture((cols - 1, rows - 1), 4, dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     band = 256  # rows at a time: the copies of a large terrain need not exist at once
     for first in range(0, rows - 1, band):
         h = heights_m[first : first + band + 1]
-        corners = np.stack([h[:-1, :-1], h[:-1, 1:], h[1:, :-1], h[1:, 1:]], axis=-1)
-        texture.write(corners, viewport=(0, first, cols - 1, corners.shape[0]))
+        nw, ne, sw, se = h[:-1, :-1], h[:-1, 1:], h[1:, :-1], h[1:, 1:]
+        bend = nw + se - ne - sw
+        is_nw_se = np.add.outer(np.arange(first, first + len(nw)), np.arange(cols - 1)) % 2 == 0
+        cut = np.where(is_nw_se, [nw, ne - nw, sw - nw, bend], [ne, nw - ne, se - ne, -bend])
+        texture.write(np.ascontiguousarray(cut.transpose(1, 2, 0)), viewport=(0, first, cols - 1, len(nw)))
     return texture
 
 
@@ -182,14 +188,10 @@ def pack_records(cut: Cut, frame: Frame, border_px: float) -> npt.NDArray[np.flo
     boxes = len(cut.slices)
     lower, upper = cut.lower_m - frame.eye_m, cut.upper_m - frame.eye_m
     gap = np.maximum(np.maximum(lower, -upper), 0.0)
-    border = border_px * np.sqrt((gap * gap).sum(axis=1)) / frame.pixels_per_radian
+    border = border_px * np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2) / frame.pixels_per_radian
     axis = np.select([cut.direction == Y_SLICES, cut.direction == Z_SLICES], [1, 2], 0)
-    low, high = (np.take_along_axis(corner, axis[:, None], axis=1)[:, 0] for corner in (lower, upper))
-    is_ahead = np.abs(low) < np.abs(high)
-    near, far = np.where(is_ahead, low, high), np.where(is_ahead, high + border, low - border)
     rows = -(-boxes // RECORDS_PER_ROW)
-    records = np.zeros((rows * RECORDS_PER_ROW, 12), np.float32)
+    records = np.zeros((rows * RECORDS_PER_ROW, 8), np.float32)
     used = records[:boxes]
-    used[:, 0:3], used[:, 3], used[:, 4:7], used[:, 7] = lower, cut.slices, upper, border
-    used[:, 8], used[:, 9], used[:, 10] = axis, near, far
+    used[:, 0:3], used[:, 3], used[:, 4:7], used[:, 7] = lower, axis * AXIS_STEP + cut.slices, upper, border
     return records.reshape(rows, -1)

@@ -22,6 +22,7 @@ from terrain.algorithms.slicing_cost import (
     paper_bundles,
     projected_px,
     refined_bundles,
+    search_cost_ms,
 )
 from terrain.algorithms.slicing_tree import CHORDS, Nodes, build_slice_tree
 from terrain.camera import Camera
@@ -305,3 +306,30 @@ def test_a_frame_that_looks_away_draws_nothing(tree) -> None:
         cut = select_cut(tree, frame_at(-500.0, 100.0, 1280.0, 270.0, 0.0), SPEEDS, 1.0, rule=rule)
         assert len(cut.slices) == 0
         assert cut.cost_ms == 0.0
+
+
+def test_triangles_cost_more_where_none_hides_another() -> None:
+    view = View(1.0, 400.0, 320 * 240, (10.0, 10.0))
+    along = refined_bundles(one_box((-40.0, -30.0, 460.0), (40.0, -10.0, 540.0)), view, SPEEDS)
+    above = refined_bundles(one_box((-40.0, -510.0, -40.0), (40.0, -490.0, 40.0)), view, SPEEDS)
+    assert above.polygons_ms[0] > 1.5 * along.polygons_ms[0]
+
+
+def test_looking_for_slices_costs_by_the_area_looked_at() -> None:
+    half = np.array([[0.0, 0.0, 0.5, 0.5], [0.5, 0.5, 1.0, 1.0]], np.float32)
+    whole = np.array([[0.0, 0.0, 1.0, 1.0]], np.float32)
+    costs = [search_cost_ms(patches, SIZE, SPEEDS) - SPEEDS.search_ms for patches in (half[:0], half, whole)]
+    assert costs[0] == 0
+    assert costs[2] == pytest.approx(2 * costs[1])
+
+
+def test_small_gains_are_none(tree) -> None:
+    """Slices that would save little beside polygons are left out altogether."""
+    frame = FRAMES["low"]
+    dear = next(
+        cut
+        for factor in np.geomspace(1, 100, 30)
+        if not (cut := select_cut(tree, frame, replace(SPEEDS, slice_ms=SPEEDS.slice_ms * factor), 1.0)).slices.any()
+    )
+    assert not len(dear.patches)
+    assert (dear.direction == POLYGONS).all()

@@ -9,7 +9,6 @@ import pytest
 from scipy.ndimage import minimum_filter
 
 import terrain.renderers.slicing as slicing
-from terrain.algorithms.slicing import strips_of
 from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
 from terrain.algorithms.slicing_tree import Nodes
 from terrain.camera import Camera
@@ -19,7 +18,7 @@ from terrain.heightfield import Heightfield
 from terrain.pyramid import build_pyramid
 from terrain.renderers.reference import ReferenceRenderer
 from terrain.renderers.slicing import SlicingRenderer, SlicingSettings, rank_correlation, split_nodes
-from terrain.renderers.slicing_bundles import pack_cells, pack_records
+from terrain.renderers.slicing_bundles import AXIS_STEP, pack_cells, pack_records
 from terrain.renderers.slicing_calibration import load_speeds, measure_speeds
 from terrain.scene import Scene
 from terrain.stage import Stage
@@ -27,7 +26,7 @@ from terrain.stage import Stage
 SIZE = (160, 120)
 # Slices are cheap here, so that a hybrid picture of a small terrain holds both kinds.
 SPEEDS = Speeds(
-    vertex_ms=6e-5, pixel_ms=2e-6, slice_ms=2e-4, slice_pixel_ms=2e-6, found_pixel_ms=8e-6, triangle_ms=8e-5,
+    vertex_ms=6e-5, pixel_ms=2e-6, slice_ms=3e-4, slice_pixel_ms=2e-6, found_pixel_ms=8e-6, triangle_ms=8e-5,
     polygon_pixel_ms=8e-6, search_ms=0.0,
 )  # fmt: skip
 
@@ -263,40 +262,42 @@ def test_a_driver_without_clip_control_sees_the_same(gpu: Gpu) -> None:
         gpu.prepare_state()
 
 
-def test_packed_cells_hold_the_corners_of_every_cell(gpu: Gpu) -> None:
+def test_packed_cells_pass_through_the_corners_of_every_cell(gpu: Gpu) -> None:
     heights = np.random.default_rng(1).normal(0, 10, (300, 37)).astype(np.float32)
     texture = pack_cells(gpu, heights)
-    packed = np.frombuffer(texture.read(), np.float32).reshape(299, 36, 4)
+    x, y, z, w = np.frombuffer(texture.read(), np.float32).reshape(299, 36, 4).transpose(2, 0, 1)
     texture.release()
-    assert (packed[..., 0] == heights[:-1, :-1]).all()
-    assert (packed[..., 1] == heights[:-1, 1:]).all()
-    assert (packed[..., 2] == heights[1:, :-1]).all()
-    assert (packed[..., 3] == heights[1:, 1:]).all()
+    is_sw_ne = np.indices((299, 36)).sum(axis=0) % 2
+    for v in (0, 1):
+        for u in (0, 1):
+            across = np.abs(is_sw_ne - u)
+            found = x + y * across + z * v + w * np.minimum(across, v)
+            assert np.allclose(found, heights[v : v + 299, u : u + 36], atol=1e-5)
 
 
-def test_planes_run_away_from_the_eye(stage: Stage) -> None:
+def test_the_eye_is_never_between_two_planes(stage: Stage) -> None:
     frame = stage.frame(CAMERAS["45 degrees"], SIZE)
     stage.renderer.settings = SlicingSettings(mode="slices")
     stage.renderer.select(frame)
     cut = stage.renderer._cut
-    records = pack_records(cut, frame, 0.1).reshape(-1, 12)[: len(cut.slices)]
     sliced = cut.direction != POLYGONS
-    assert (np.abs(records[sliced, 9]) < np.abs(records[sliced, 10])).all()
-    assert (records[sliced, 9] * records[sliced, 10] > 0).all(), "the eye is never between two planes"
+    records = pack_records(cut, frame, 0.1).reshape(-1, 8)[: len(cut.slices)][sliced]
+    axis = np.array([{X_SLICES: 0, Y_SLICES: 1, Z_SLICES: 2}[d] for d in cut.direction[sliced]])
+    assert (records[:, 3] == axis * AXIS_STEP + cut.slices[sliced]).all()
+    low, high = records[np.arange(len(axis)), axis], records[np.arange(len(axis)), 4 + axis]
+    assert (low * high > 0).all(), "the eye is never between two planes"
 
 
-def test_strips_hold_every_pixel_of_a_slice(stage: Stage) -> None:
-    frame = stage.frame(CAMERAS["low"], SIZE)
+@pytest.mark.parametrize("camera", ["low", "45 degrees", "corner from outside"])
+def test_patches_hold_every_pixel_of_a_slice_and_little_else(stage: Stage, camera: str) -> None:
     stage.renderer.settings = SlicingSettings(mode="slices")
-    world, covered = positions(stage, CAMERAS["low"])
-    cut = stage.renderer._cut
-    sliced = cut.direction != POLYGONS
-    strips = strips_of(cut.lower_m[sliced], cut.upper_m[sliced], frame)
-    row, col = np.nonzero(covered)
-    x, y = (col + 0.5) / SIZE[0], 1 - (row + 0.5) / SIZE[1]
-    strip = strips[np.minimum((x * len(strips)).astype(int), len(strips) - 1)]
-    assert ((y >= strip[:, 1]) & (y <= strip[:, 3])).all()
-    assert world.shape == (*SIZE[::-1], 3)
+    _, covered = positions(stage, CAMERAS[camera])
+    inside = np.zeros_like(covered)
+    for left, bottom, right, top in np.round(stage.renderer._cut.patches * [*SIZE, *SIZE]).astype(int):
+        assert not inside[SIZE[1] - top : SIZE[1] - bottom, left:right].any(), "no pixel is looked at twice"
+        inside[SIZE[1] - top : SIZE[1] - bottom, left:right] = True
+    assert inside[covered].all()
+    assert inside.mean() < covered.mean() + 0.3
 
 
 def test_nodes_split_into_the_tiles_inside_the_grid() -> None:
