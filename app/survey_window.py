@@ -24,7 +24,7 @@ def draw_survey(session: Session) -> None:
     survey = session.survey
     point = survey.point
     if point is None:
-        imgui.text_disabled("Click the ground to pick a point (I: the middle of the picture).")
+        _draw_note("Click the ground to pick a point (I: the middle of the picture).")
     else:
         _draw_rows("point", point_rows(point, survey.coordinates))
         button("Copy", "Copy the point to the clipboard, as text.", lambda: _copy(point, survey.coordinates))
@@ -40,7 +40,7 @@ def draw_survey(session: Session) -> None:
     profile = survey.profile
     if profile is None:
         told = "Drag over the ground, or mark both ends with I." if survey.is_measuring else "No line is measured yet."
-        imgui.text_disabled(told)
+        _draw_note(told)
         return
     imgui.same_line()
     button("Save CSV", "Save the profile as a table under a new name.", lambda: survey.save_profile(session.folder))
@@ -85,7 +85,7 @@ def _draw_profile(session: Session, profile: Profile) -> None:
     unit, scale = ("km", 1e-3) if profile.length_m >= 10_000.0 else ("m", 1.0)
     low, high = (float(end(profile.height_m)) for end in (np.fmin.reduce, np.fmax.reduce))
     if np.isnan(low):
-        imgui.text_disabled("There is no ground between the points.")
+        _draw_note("There is no ground between the points.")
         return
     flags = implot.Flags_.no_title | implot.Flags_.no_legend | implot.Flags_.no_menus | implot.Flags_.no_mouse_text
     if not implot.begin_plot("##Profile", (-1.0, PLOT_EM * em), flags):
@@ -108,6 +108,12 @@ def _draw_profile(session: Session, profile: Profile) -> None:
         spec = implot.Spec(line_color=ink(0.6))
         implot.plot_inf_lines("##Hovered", np.array([scale * survey.hover_m]), spec)
     implot.end_plot()
+
+
+def _draw_note(text: str) -> None:
+    imgui.push_text_wrap_pos(0.0)
+    imgui.text_disabled(text)
+    imgui.pop_text_wrap_pos()
 
 
 def _copy(point: Point, coordinates: Coordinates) -> None:

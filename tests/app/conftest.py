@@ -8,6 +8,7 @@ import pytest
 from app.opening import Drawing, default_algorithm
 from app.session import Session
 from terrain.camera import Camera
+from terrain.flight import demo_flight
 from terrain.gpu.context import create_offscreen_gpu
 from terrain.heightfield import Heightfield
 from terrain.renderers import RENDERERS
@@ -37,12 +38,18 @@ def hills():
     return Heightfield(np.ascontiguousarray(heights, np.float32), (10.0, 10.0), name="hills")
 
 
+@pytest.fixture(scope="session")
+def hills_flight(hills):
+    """The demo flight over the hills, found once."""
+    return demo_flight(hills)
+
+
 @pytest.fixture
-def session(app_gpu, hills, tmp_path):
+def session(app_gpu, hills, hills_flight, tmp_path):
     algorithm = default_algorithm()
     drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", LayerStack(), 1.0)
     with app_gpu.ctx:  # commands under test make contexts of their own, which then are current
-        session = Session(app_gpu, hills, drawing, folder=tmp_path)
+        session = Session(app_gpu, hills, drawing, hills_flight, folder=tmp_path)
         session.camera = Camera((52.0, 22.0, 282.0), yaw_deg=25.0, pitch_deg=-11.0)  # across the hills
         session.draw((64, 36))
         yield session

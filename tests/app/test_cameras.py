@@ -28,8 +28,8 @@ from app.cameras import (
 from app.controls import PITCH_LIMIT_DEG, Inputs, Motion, move
 from terrain.camera import Camera
 
-few = settings(max_examples=20, deadline=None)  # where a second is flown in frames
-some = settings(max_examples=50, deadline=None)
+few = settings(max_examples=12, deadline=None)  # where a second is flown in frames
+some = settings(max_examples=30, deadline=None)
 ASPECT = 16 / 9
 LEAST_M = 2.0
 EXTENT_M = (4000.0, 3000.0)

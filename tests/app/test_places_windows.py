@@ -10,7 +10,8 @@ from imgui_bundle import imgui
 from ui_harness import AVAILABLE, UiHarness
 
 from app import gui
-from app.cameras import pointer_at
+from app.cameras import PASSAGE_S, pointer_at
+from app.controls import Inputs
 from app.keys import LOOKED
 from app.navigation import MODES
 from app.preferences import PreferenceFile
@@ -88,7 +89,7 @@ def test_a_double_click_flies_there_and_picks_once(ui):
         ctx.yield_(2)
         assert session.navigation.passage is not None
         assert session.survey.spot_m == pytest.approx((x, z), abs=1e-3)
-        ctx.yield_(120)
+        session.advance(Inputs(), PASSAGE_S)
         point = np.array([x, float(session.heightfield.heights_at(x, z)), z])
         assert pointer_at(session.camera, point, ASPECT) == pytest.approx((0.5, 0.5), abs=1e-3)
 
@@ -131,37 +132,36 @@ def test_orbiting_drags_turn_and_move_what_is_below_the_mouse(ui):
         distance = np.linalg.norm(session.camera.eye_m - point)
         pace = session.motion.speed_factor
         ctx.mouse_wheel_y(1.0)
-        ctx.yield_(60)
+        session.advance(Inputs(), 1.0)
         assert np.linalg.norm(session.camera.eye_m - point) == pytest.approx(distance / 1.25, rel=1e-2)
         assert session.motion.speed_factor == pace
 
     ui.run(steps)
 
 
-@pytest.mark.parametrize(
-    ("name", "sign", "key"), [(n, s, k) for n, (p, m, _) in LOOKED.items() for s, k in ((1, p), (-1, m))]
-)
-def test_arrow_keys_look_around_unless_a_window_has_the_keyboard(ui, name, sign, key):
+def test_arrow_keys_look_around_unless_a_window_has_the_keyboard(ui):
     session = ui.session
+    arrows = [(name, sign, key) for name, (plus, minus, _) in LOOKED.items() for sign, key in ((1, plus), (-1, minus))]
 
     def steps(ctx):
+        def turned_by(key):
+            before = session.camera
+            ctx.key_down(gui.key_named(key))
+            ctx.yield_(6)
+            ctx.key_up(gui.key_named(key))
+            ctx.yield_(2)
+            after = session.camera
+            return {"turn": after.yaw_deg - before.yaw_deg, "tilt": after.pitch_deg - before.pitch_deg}
+
         ctx.mouse_move_to_pos(HERE)
         ctx.mouse_click(0)  # the scene has the keyboard
         ctx.yield_(2)
-        before = session.camera
-        ctx.key_down(gui.key_named(key))
-        ctx.yield_(6)
-        ctx.key_up(gui.key_named(key))
-        ctx.yield_(2)
-        turned = {"turn": session.camera.yaw_deg - before.yaw_deg, "tilt": session.camera.pitch_deg - before.pitch_deg}
-        assert sign * turned[name] > 0.5
+        for name, sign, key in arrows:
+            assert sign * turned_by(key)[name] > 0.5
         ctx.item_click("//Reliefscope/##Freeze")
         ctx.item_click("//Reliefscope/##Freeze")
-        before = session.camera
-        ctx.key_down(gui.key_named(key))
-        ctx.yield_(6)
-        ctx.key_up(gui.key_named(key))
-        assert session.camera == before
+        for _, _, key in arrows:
+            assert turned_by(key) == {"turn": 0.0, "tilt": 0.0}
 
     ui.run(steps)
 
@@ -202,7 +202,7 @@ def test_every_key_of_cameras_and_places_does_what_it_says(ui):
         assert navigation.passage is not None
         press("B")
         assert [b.name for b in places.bookmarks.all] == ["View 1"]
-        ctx.yield_(120)
+        session.advance(Inputs(), PASSAGE_S)
         press("N")
         assert navigation.passage is not None
         press("C")
