@@ -299,7 +299,7 @@ class Stage:
         """
         if self.trees.count:
             if self._ground_by_patches and self.frozen is None:
-                self.renderer.select(frame)
+                self.renderer.select(frame.whole)
             self._update_trees(frame)
             if self.trees.is_loading:
                 self.trees.wait(within_s)
@@ -326,7 +326,7 @@ class Stage:
         else:
             if self._culler is None:
                 self._culler = Culler(self.scene, FINEST_GROUND)
-            lower_m, upper_m = self._culler.boxes(self._culler.select(chosen_for, split_ratio=GROUND_SPLIT))
+            lower_m, upper_m = self._culler.boxes(self._culler.select(chosen_for.whole, split_ratio=GROUND_SPLIT))
         self.trees.update(chosen_for, lower_m, upper_m, self.look.texture_tolerance_px2)
 
     def _draw_surface(self, frame: Frame, target: Target) -> None:

@@ -15,9 +15,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from terrain.frame import Frame
 from terrain.textures.tree import TILE_PX, Floats, Ints, TextureTree
+
+Bools = npt.NDArray[np.bool_]
 
 LEAST_SINE = 1.0 / 16.0  # ground seen flatter is treated as seen at this angle: blurred up to 4 px across, no further
 SPLIT_TILES, SPLIT_RATIO = 2.0, 4.0  # boxes wider than so many tiles and than this part of their distance are split
@@ -97,7 +100,7 @@ def select_tiles(
     """
     lower_m, upper_m = split_near(tree, lower_m, upper_m, frame, tolerance_px2)
     level, distance = select_levels(tree, lower_m, upper_m, frame, tolerance_px2)
-    return select_for_levels(tree, lower_m, upper_m, level, distance, most_tiles)
+    return select_for_levels(tree, lower_m, upper_m, level, distance, most_tiles=most_tiles)
 
 
 def split_near(
@@ -121,18 +124,28 @@ def split_near(
             for west in (True, False) for north in (True, False)
         ]  # fmt: skip
         lower_m, upper_m = (np.concatenate([quarter[i] for quarter in quarters]) for i in (0, 1))
-        corner = np.where(frame.side_planes[:, None] > 0, upper_m, lower_m) - frame.eye_m  # farthest inwards
-        seen = (np.einsum("pnk,pk->pn", corner, frame.side_planes) >= 0.0).all(axis=0)
+        seen = in_view(lower_m, upper_m, frame)
         lower_m, upper_m = lower_m[seen], upper_m[seen]
     lower, upper = zip(*done, strict=True) if done else ((lower_m,), (upper_m,))
     return np.concatenate(lower), np.concatenate(upper)
 
 
+def in_view(lower_m: Floats, upper_m: Floats, frame: Frame) -> Bools:
+    """Which boxes reach into a frame, or into the tile of a picture that it is."""
+    corner = np.where(frame.side_planes[:, None] > 0, upper_m, lower_m) - frame.eye_m  # farthest inwards
+    return (np.einsum("pnk,pk->pn", corner, frame.side_planes) >= 0.0).all(axis=0)
+
+
 def select_for_levels(
-    tree: TextureTree, lower_m: Floats, upper_m: Floats, level: Ints, distance_m: Floats, most_tiles: int = 1 << 30
-) -> Selection:
-    """The tiles of boxes of ground whose levels are already chosen; see `select_tiles`."""
-    cell, level, distance = _cells_of(tree, lower_m, upper_m, level, distance_m)
+    tree: TextureTree, lower_m: Floats, upper_m: Floats, level: Ints, distance_m: Floats, seen: Bools | None = None,
+    most_tiles: int = 1 << 30,
+) -> Selection:  # fmt: skip
+    """The tiles of boxes of ground whose levels are already chosen; see `select_tiles`.
+
+    Where only some boxes are ``seen``, tiles are wanted for these alone, but at the levels that all boxes together ask
+    for: so the tiles of a picture meet.
+    """
+    cell, level, distance = _cells_of(tree, lower_m, upper_m, level, distance_m, seen)
     while True:
         tiles = _in_order(tree, cell, level, distance)
         if len(tiles) <= most_tiles or (level == tree.top_level).all():
@@ -141,9 +154,9 @@ def select_for_levels(
 
 
 def _cells_of(
-    tree: TextureTree, lower_m: Floats, upper_m: Floats, level: Ints, distance_m: Floats
+    tree: TextureTree, lower_m: Floats, upper_m: Floats, level: Ints, distance_m: Floats, seen: Bools | None
 ) -> tuple[Ints, Ints, Floats]:
-    """Cells under boxes of ground, each once: number, finest level and smallest distance of the boxes over it."""
+    """Cells under seen boxes of ground, each once: number, finest level and smallest distance of all boxes over it."""
     (a, b, c), (d, e, f) = tree.px_from_ground.tolist()
     x, z = (np.stack([lower_m[:, axis], upper_m[:, axis]]) for axis in (0, 2))
     spans = []
@@ -158,10 +171,14 @@ def _cells_of(
     shape = tuple(tree.shapes[0])
     found = np.full(shape[0] * shape[1], -1, np.int64)
     near = np.zeros(found.shape)
-    for values, into, order in (
+    wanted = found if seen is None else np.full(found.shape, -1, np.int64)
+    steps = [
         (level, found, np.argsort(-level[inside], kind="stable")),
         (distance_m, near, np.argsort(-distance_m[inside], kind="stable")),
-    ):
+    ]
+    if seen is not None:
+        steps.append((level, wanted, np.flatnonzero(seen[inside])))
+    for values, into, order in steps:
         box = inside[order]
         width = col1[box] - col0[box] + 1
         count = width * (row1[box] - row0[box] + 1)
@@ -169,7 +186,7 @@ def _cells_of(
         within = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
         row, col = row0[box][owner] + within // width[owner], col0[box][owner] + within % width[owner]
         into[row * shape[1] + col] = values[box][owner]
-    cell = np.flatnonzero(found >= 0)
+    cell = np.flatnonzero(wanted >= 0)
     return cell, found[cell], near[cell]
 
 

@@ -19,7 +19,7 @@ from terrain.gpu.context import Gpu
 from terrain.gpu.programs import TREES_BINDING
 from terrain.textures.atlas import Atlas, PageTables, Table, page_entries
 from terrain.textures.pages import ABSENT, FAILED, Pages, Slots
-from terrain.textures.select import Selection, select_for_levels, select_levels, split_near
+from terrain.textures.select import Bools, Selection, in_view, select_for_levels, select_levels, split_near
 from terrain.textures.streaming import Request, Result, TileStream
 from terrain.textures.tree import SLOT_BYTES, Floats, Ints, TextureTree, TileSource
 
@@ -136,15 +136,16 @@ class Trees:
         ----------
         frame : Frame
         lower_m, upper_m : ndarray of float64, (n, 3)
-            Boxes that bound the visible ground, world metres.
+            Boxes that bound the visible ground, of the whole picture where the frame is a tile of one; world metres.
         tolerance_px2 : float
             Largest area of a texel on the screen.
         """
-        chosen = []
+        chosen, whole = [], frame.whole
         for member in self._members.values():
             tree = member.pages.tree
-            boxes = split_near(tree, lower_m, upper_m, frame, tolerance_px2)
-            chosen.append((*boxes, *select_levels(tree, *boxes, frame, tolerance_px2)))
+            boxes = split_near(tree, lower_m, upper_m, whole, tolerance_px2)
+            seen = None if whole is frame else in_view(*boxes, frame)
+            chosen.append((*boxes, *select_levels(tree, *boxes, whole, tolerance_px2), seen))
         self._frame += 1
         self._choose(chosen)
         for member in self._members.values():
@@ -216,13 +217,13 @@ class Trees:
             part.release()
         self._members.clear()
 
-    def _choose(self, chosen: list[tuple[Floats, Floats, Ints, Floats]]) -> None:
+    def _choose(self, chosen: list[tuple[Floats, Floats, Ints, Floats, Bools | None]]) -> None:
         """Select for every tree; where all together need more slots than there are, each gets its share."""
         room = self._slots.count
         members = list(self._members.values())
         for most in (room, room // max(len(members), 1)):
             for member, boxes in zip(members, chosen, strict=True):
-                member.selection = select_for_levels(member.pages.tree, *boxes, most)
+                member.selection = select_for_levels(member.pages.tree, *boxes, most_tiles=most)
             if sum(len(member.selection.tiles) for member in members) <= room:
                 return
 

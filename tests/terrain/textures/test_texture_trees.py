@@ -313,3 +313,25 @@ def test_no_more_images_than_the_shaders_know_are_taken(staged):
     sources = [ArraySource(str(i), np.zeros((4, 4, 3), np.uint8), whole_extent(terrain)) for i in range(17)]
     with pytest.raises(InputError, match="at most 8 layers"):
         staged(*sources, terrain=terrain)
+
+
+@pytest.mark.parametrize("algorithm", ["reference", "multiresolution"])
+def test_the_tiles_of_a_large_picture_meet(staged, algorithm):
+    """Each tile asks only for what it shows, at the levels of the whole picture."""
+    terrain = flat()
+    source = CodedSource(terrain, (9000, 9000))
+    stage = staged(source, terrain=terrain, algorithm=algorithm, look=replace(CLEAR, texture_tolerance_px2=0.25))
+    camera = oblique()
+    whole = stage.render(camera, SIZE_PX).astype(int)
+    px = texels_of(stage, source, camera)
+    asked = len(stage.trees._members[0].selection.tiles)
+    frame, parts = stage.frame(camera, SIZE_PX), []
+    for left in (0, 80):
+        tile = frame.tile((left, 0), (80, SIZE_PX[1]))
+        while not stage.load_tiles(tile):
+            pass
+        assert len(stage.trees._members[0].selection.tiles) < asked
+        target = stage.target(tile.viewport_px)
+        stage.draw(tile, target, choose=left == 0)
+        parts.append(target.read()[..., :3].astype(int))
+    assert np.array_equal(levels_shown(np.concatenate(parts, axis=1), px), levels_shown(whole, px))
