@@ -107,7 +107,11 @@ class ImageReader:
             return self._read(dataset, (0, 0, *self.size_px), size_px[::-1], averaged=False)
 
     def close(self) -> None:
-        for dataset in self._closers:
+        """Let go of the file, as soon as nobody reads from it."""
+        closers, self._closers = self._closers, []
+        for _ in range(HANDLES if closers else 0):
+            self._free.get()  # GDAL would crash if it were closed under a reader
+        for dataset in closers:
             dataset.close()
 
     @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import numpy as np
@@ -257,3 +258,16 @@ def test_other_depths_are_stretched_to_8_bits_and_tables_become_colours(opened, 
     picture.save(tmp_path / "table.png")
     tile = opened(tmp_path / "table.png", field()).read_tile(0, 0, 0)
     assert tile[1, 1:5].tolist() == [[10, 20, 30, 255], [40, 50, 60, 255], [70, 80, 90, 255], [100, 110, 120, 255]]
+
+
+def test_a_file_is_closed_when_the_last_reader_has_finished(tmp_path):
+    source = ImageSource(geotiff(tmp_path / "a.tif", noise(60, 60), crs=32633), field(georeference=UTM))
+    with source._reader.dataset() as dataset:
+        closing = threading.Thread(target=source.close)
+        closing.start()
+        closing.join(0.1)
+        assert closing.is_alive()
+        assert not dataset.closed
+    closing.join(5.0)
+    assert dataset.closed
+    source.close()  # a second time does nothing
