@@ -111,7 +111,7 @@ class Bookmarks:
             record = json.loads(self._path.read_text(encoding="utf-8"))
             if not isinstance(record, dict) or record.get("format") != FORMAT:
                 raise ValueError("no bookmarks")
-            return tuple(_parse(item) for item in record["bookmarks"])
+            return tuple({found.name: found for found in map(_parse, record["bookmarks"])}.values())
         except FileNotFoundError:
             return ()
         except OSError as error:

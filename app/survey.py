@@ -65,13 +65,16 @@ class Survey:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self.coordinates = Coordinates(session.heightfield)
         self.spot_m: Spot | None = None
         self.ends_m: list[Spot] = []
         self.profile: Profile | None = None
         self.is_measuring = False
         self.hover_m: float | None = None
         self._press: tuple[float, float] | None = None  # where a drag of the tool began
+
+    @property
+    def coordinates(self) -> Coordinates:
+        return self._session.places.coordinates
 
     @property
     def point(self) -> Point | None:
@@ -97,9 +100,13 @@ class Survey:
 
     def take(self, inputs: Inputs) -> Inputs:
         """Pick and measure as the mouse asks; what is left of the inputs for the camera."""
-        if not self.is_measuring or inputs.double_clicked:
+        if not self.is_measuring:
             if inputs.clicked and inputs.pointer is not None:
                 self.pick(inputs.pointer)
+            return inputs
+        if inputs.double_clicked:  # the first click has marked an end that is not meant
+            self.forget_line()
+            self._press = inputs.pointer
             return inputs
         if inputs.button != "left" or inputs.pointer is None:
             self._press = None

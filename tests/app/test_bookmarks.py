@@ -112,6 +112,13 @@ def test_values_that_make_no_camera_count_as_damage(hills, tmp_path):
     assert opened(hills, tmp_path).problem
 
 
+def test_of_two_bookmarks_of_one_name_the_later_counts(hills, tmp_path):
+    kept(hills, tmp_path, "a", "b")
+    (path,) = tmp_path.rglob("*.json")
+    path.write_text(path.read_text().replace('"b"', '"a"'))
+    assert [b.name for b in opened(hills, tmp_path).all] == ["a"]
+
+
 def test_a_folder_that_cannot_be_written_is_said_and_nothing_is_lost_meanwhile(hills, tmp_path):
     (tmp_path / "bookmarks").write_text("a file where the folder should be")
     bookmarks = kept(hills, tmp_path, "a", "b")

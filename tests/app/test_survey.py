@@ -91,6 +91,16 @@ def test_a_click_that_trembles_marks_one_end(session):
     assert session.survey.ends_m == [spot_under(session, ONE)]
 
 
+def test_a_double_click_with_the_tool_flies_and_measures_nothing(session):
+    session.survey.toggle_measuring()
+    click(session, ONE)
+    session.advance(Inputs(button="left", pointer=ONE, double_clicked=True), 1 / 60)
+    session.advance(Inputs(button="left", pointer=ONE), 1 / 60)
+    session.advance(Inputs(pointer=ONE), 1 / 60)
+    assert session.survey.ends_m == []
+    assert session.navigation.passage is not None
+
+
 def test_no_line_is_drawn_across_a_gap(session):
     survey = session.survey
     survey.toggle_measuring()
