@@ -39,6 +39,7 @@ from terrain.progress import listening
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
 from terrain.scene import Scene
+from terrain.textures.streaming import give_way
 
 _FRAGMENTS: tuple[tuple[str, dict[str, int]], ...] = (("mesh", {}), ("multiresolution_gouraud", {"GOURAUD": 1}))
 _NO_PATCHES = Patches(*(np.empty(0, np.int32) for _ in range(4)))
@@ -88,7 +89,7 @@ class MultiresolutionRenderer:
         self._begun = time.perf_counter()
         self._uploaded_for: Any = None  # the settings at the last upload
         self._culler = Culler(scene, FINEST_LEVEL)
-        self._worker = ThreadPoolExecutor(1, "approximation-tree")
+        self._worker = ThreadPoolExecutor(1, "approximation-tree", initializer=give_way)
         self._doing = ""  # what the worker says
         self._pool: PatchPool | None = None
         self._tins: tuple[Patches, Future[list[Any]] | None] = _NO_PATCHES, None  # being triangulated
@@ -214,9 +215,10 @@ class MultiresolutionRenderer:
         self.stats.uploaded_bytes = posts.nbytes + walls.nbytes
         self.stats.triangles = sum(self._counts)
         self.stats.draw_calls = sum(count > 0 for count in self._counts)
+        tins = self._pool.count_tins(patches) if self.settings.tins else 0
         self.stats.extra = {
-            "patches": len(patches.level), "new patches": extracted, "TINs": self._pool.count_tins(patches),
-            "wall triangles": len(walls), "patches with lines": int(np.count_nonzero(patches.rung == REFINED)),
+            "patches": len(patches.level), "new patches": extracted, "TINs": tins, "wall triangles": len(walls),
+            "patches with lines": int(np.count_nonzero(patches.rung == REFINED)),
         }  # fmt: skip
 
     def draw(self, frame: Frame) -> None:

@@ -12,7 +12,9 @@ import pytest
 from app.controls import Inputs
 from app.framing import clearance_above, frame_terrain, least_clearance_m
 from app.session import SETTLE_S
+from terrain.algorithms.multiresolution import load_tree
 from terrain.camera import Camera
+from terrain.renderers import multiresolution
 from terrain.textures.array_source import ArraySource, whole_extent
 
 FORWARD, NOTHING = Inputs(forward=1.0), Inputs()
@@ -154,3 +156,24 @@ def test_the_picture_is_drawn_again_until_its_images_are_there(session):
         session.advance(NOTHING, SETTLE_S)
     assert session.is_still
     assert session.picture.read()[30, 32, 0] > 2 * session.picture.read()[30, 32, 1]
+
+
+def test_a_preview_is_shown_while_a_tree_is_built(session, monkeypatch):
+    asked, go_on = threading.Event(), threading.Event()
+
+    def load(*arguments):
+        asked.set()
+        go_on.wait(10.0)
+        return load_tree(*arguments)
+
+    monkeypatch.setattr(multiresolution, "load_tree", load)
+    session.choose_algorithm("multiresolution")
+    session.draw((64, 36))
+    assert asked.wait(10.0)
+    assert session.settings.preview
+    assert session.stage.unfinished == ["building the approximation tree"]
+    assert not session.is_still
+    go_on.set()
+    session.stage.renderer.finish()
+    session.draw((64, 36))
+    assert not session.stage.unfinished
