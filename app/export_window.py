@@ -20,6 +20,9 @@ def draw_export(session: Session) -> None:
     left_out = _FLIGHT_ONLY if order.kind == "picture" else _PICTURE_ONLY
     shown = [f for f in fields(Order) if f.name not in left_out and (f.name != "codec" or order.kind == "film")]
     form = Form(field.metadata["label"] for field in fields(Order))
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()  # Tab goes on from the first widget ...
+        imgui.set_nav_cursor_visible(True)  # ... which is seen to be the one
     imgui.begin_disabled(exporter.is_busy)
     exporter.order = form.edit(order, shown)
     imgui.text_disabled(f"{KINDS[order.kind][:1].upper()}{KINDS[order.kind][1:]}, {_amount(session, order)}.")

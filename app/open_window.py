@@ -9,7 +9,7 @@ from imgui_bundle import imgui, imgui_ctx
 from app.session import Session
 from app.widgets import button
 
-LIST_EM = 14.0
+LEAST_LIST_EM, BELOW_EM = 8.0, 8.5  # the list of files takes what the rest leaves, and at least this
 
 
 def draw_open(session: Session) -> None:
@@ -18,12 +18,15 @@ def draw_open(session: Session) -> None:
     button("Up", "To the folder around this one.", browser.up)
     imgui.same_line()
     imgui.set_next_item_width(-1.0)
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()  # one may type at once
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
     entered, text = imgui.input_text("##Path", str(browser.folder), flags)
     imgui.set_item_tooltip("A folder to look into, or a file to open; Enter confirms. Files can also be dropped here.")
     if entered:
         _choose(session, text)
-    with imgui_ctx.begin_child("Files", imgui.ImVec2(0.0, LIST_EM * em), imgui.ChildFlags_.borders):
+    height = max(imgui.get_content_region_avail().y - BELOW_EM * em, LEAST_LIST_EM * em)
+    with imgui_ctx.begin_child("Files", imgui.ImVec2(0.0, height), imgui.ChildFlags_.borders):
         for entry in browser.entries():
             size = "" if entry.is_folder else f"  {_size(entry.size_bytes)}"
             if imgui.selectable(f"{entry.label}{size}##{entry.path.name}", False)[0]:
@@ -48,6 +51,7 @@ def draw_open(session: Session) -> None:
 def _choose(session: Session, text: str) -> None:
     path = session.browser.go(text)
     if path is not None:
+        session.show_window("open", False)
         session.loader.open(session, [path], session.browser.as_terrain)
 
 
