@@ -13,12 +13,13 @@ from terrain.stage import Stage
 from terrain.views import frustum_segments
 
 WAY_COLOUR = (1.0, 0.86, 0.35, 0.95)
-KEY_COLOUR = (0.35, 0.70, 0.95, 0.9)
+KEY_COLOUR = (0.35, 0.70, 0.95, 0.75)
 SELECTED_COLOUR = (1.0, 0.55, 0.15, 1.0)
-WAY_PX, KEY_PX, SELECTED_PX = 2.0, 1.4, 2.2
+WAY_PX, KEY_PX, SELECTED_PX = 2.0, 1.2, 2.2
 POINTS_PER_SEGMENT, MOST_POINTS = 24, 4000
-MOST_PYRAMIDS = 40
-PYRAMID_SHARE = 0.02  # of the terrain's diagonal: how deep a pyramid is drawn
+MOST_PYRAMIDS = 24
+# How deep a pyramid is drawn: as a share of the terrain's diagonal, and of the way between two of them, at most.
+PYRAMID_SHARE, GAP_SHARE = 0.02, 0.6
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,14 +30,18 @@ class FlightLines:
     def __init__(self) -> None:
         self._flight: Flight | None = None
         self._way_m: Floats = np.zeros((0, 2, 3))
+        self._length_m = 0.0
 
     def draw(self, stage: Stage, frame: Frame, flight: Flight, selected: int | None) -> None:
         """Draw over the picture just drawn into the bound target."""
         if flight is not self._flight:
             self._flight, self._way_m = flight, way_segments(flight)
-        depth_m = PYRAMID_SHARE * math.hypot(*stage.scene.heightfield.extent_m)
-        stage.lines.draw(frame, self._way_m, WAY_COLOUR, WAY_PX)
+            self._length_m = float(np.linalg.norm(self._way_m[:, 1] - self._way_m[:, 0], axis=1).sum())
         keys = np.unique(np.linspace(0, len(flight.keyframes) - 1, MOST_PYRAMIDS).round().astype(int))
+        depth_m = PYRAMID_SHARE * math.hypot(*stage.scene.heightfield.extent_m)
+        if self._length_m > 0.0:
+            depth_m = min(depth_m, GAP_SHARE * self._length_m / len(keys))
+        stage.lines.draw(frame, self._way_m, WAY_COLOUR, WAY_PX)
         pyramids = [_pyramid(flight, i, frame, depth_m) for i in keys.tolist() if i != selected]
         stage.lines.draw(frame, np.concatenate([np.zeros((0, 2, 3)), *pyramids]), KEY_COLOUR, KEY_PX)
         if selected is not None:
@@ -61,4 +66,5 @@ def _pyramid(flight: Flight, index: int, frame: Frame, depth_m: float) -> Floats
     camera = flight.keyframes[index].camera
     if np.linalg.norm(camera.eye_m - frame.eye_m) < 0.5 * depth_m:
         return np.zeros((0, 2, 3))
-    return frustum_segments(camera, frame.aspect, depth_m)
+    rays, _, far = np.split(frustum_segments(camera, frame.aspect, depth_m), 3)
+    return np.concatenate([rays, far])

@@ -184,11 +184,10 @@ def test_the_keys_of_the_flight_do_what_they_say(ui, tmp_path):
         assert len(flights.flight.keyframes) == 4
         press("Ctrl+S")
         assert len(list(tmp_path.glob("*.flight.json"))) == 1
-        for key, window in (("Ctrl+E", "export"), ("Ctrl+O", "open"), ("K", "timeline")):
+        for key, window in (("K", "timeline"), ("Ctrl+E", "export"), ("Ctrl+O", "open")):
             before = session.is_open(window)
             press(key)
             assert session.is_open(window) != before
-            press(key)
 
     ui.run(steps)
 
@@ -294,8 +293,20 @@ def test_files_are_found_and_opened(ui, tmp_path, monkeypatch):
     (tmp_path / "notes.txt").write_text("x")
     session.preferences.remember_file(tmp_path / "notes.txt")
 
-    def steps(ctx):
+    def again(ctx):
+        """What was chosen closes the window."""
+        assert not session.is_open("open")
+        session.show_window("open")
+        ctx.yield_(3)
         ctx.set_ref(OPEN)
+
+    def enter(ctx, text):
+        ctx.item_input("##Path")
+        ctx.key_chars_replace(text)
+        ctx.key_press(imgui.Key.enter)
+        ctx.yield_(2)
+
+    def steps(ctx):
         files = ctx.window_info(f"{OPEN}/Files").window.id_
         ctx.set_ref(files)
         ctx.item_click("Alps/##Alps".replace("/", "\\/"))
@@ -304,24 +315,20 @@ def test_files_are_found_and_opened(ui, tmp_path, monkeypatch):
         ctx.set_ref(files)
         ctx.item_click("dem.tif  1 bytes##dem.tif")
         assert asked[-1] == ([tmp_path / "Alps" / "dem.tif"], False)
-        ctx.set_ref(OPEN)
+        again(ctx)
         ctx.item_click("Up")
         assert session.browser.folder == tmp_path
         ctx.item_click("Pictures as terrain")
         ctx.item_click("All files")
         assert session.browser.shows_all
-        ctx.item_input("##Path")
-        ctx.key_chars_replace(str(tmp_path / "Alps" / "dem.tif"))
-        ctx.key_press(imgui.Key.enter)
-        ctx.yield_(2)
+        enter(ctx, str(tmp_path / "Alps" / "dem.tif"))
         assert asked[-1] == ([tmp_path / "Alps" / "dem.tif"], True)
+        again(ctx)
         recent = str(tmp_path / "notes.txt")
         ctx.item_click(f"notes.txt##{recent}".replace("/", "\\/"))
         assert asked[-1] == ([tmp_path / "notes.txt"], True)
-        ctx.item_input("##Path")
-        ctx.key_chars_replace("nowhere.tif")
-        ctx.key_press(imgui.Key.enter)
-        ctx.yield_(2)
+        again(ctx)
+        enter(ctx, "nowhere.tif")
         assert "nowhere.tif" in session.browser.problem
         assert len(asked) == 3
 

@@ -67,7 +67,8 @@ class Person:
 
     def leave(self):
         self.until(lambda: self.viewer.poll() is not None, "leaving", "key", "ctrl+q")
-        assert self.viewer.returncode == 0, self.viewer.stderr.read()
+        assert self.viewer.returncode == 0, self.viewer.communicate()[1]
+        self.viewer.communicate()
 
     def keep_picture(self, what):
         if PICTURES:
