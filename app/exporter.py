@@ -137,12 +137,14 @@ class Exporter:
         flights = session.flights
         times_s = flight_times(flights.duration_s, order.frames or None, order.fps)
         cameras = [flights.camera_at(t) for t in times_s]
-        view, size_px = session.view, (order.width_px, order.height_px)
+        view, size_px, animates = session.view, (order.width_px, order.height_px), session.layers.is_playing
         animates = session.layers.is_playing  # as in the window: from the first key frame to the last
         with ExitStack() as stack:
             stage = stack.enter_context(session.twin_stage())
             sink = stack.enter_context(open_sink(path, size_px, order.fps, codec=order.codec))
             for number, (camera, time_s) in enumerate(zip(cameras, times_s, strict=True)):
+                if animates:
+                    stage.animate_layers(number / max(len(times_s) - 1, 1))
                 if animates:
                     stage.animate_layers(number / max(len(times_s) - 1, 1))
                 picture = yield from self._drawn(stage, camera, size_px, view, time_s, number / len(times_s))
