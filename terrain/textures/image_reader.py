@@ -113,6 +113,7 @@ class ImageReader:
             self._free.get()  # GDAL would crash if it were closed under a reader
         for dataset in closers:
             dataset.close()
+        self._free.put(None)
 
     @contextmanager
     def dataset(self) -> Iterator[Any]:
@@ -120,6 +121,9 @@ class ImageReader:
         import rasterio
 
         dataset = self._free.get()
+        if dataset is None:
+            self._free.put(None)  # for the next who comes too late
+            raise OSError(f"{self._path.name} was closed")
         try:
             with rasterio.Env(**_GDAL_OPTIONS):
                 yield dataset

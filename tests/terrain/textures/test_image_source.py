@@ -271,3 +271,5 @@ def test_a_file_is_closed_when_the_last_reader_has_finished(tmp_path):
     closing.join(5.0)
     assert dataset.closed
     source.close()  # a second time does nothing
+    with pytest.raises(OSError, match="closed"):
+        source.read_tile(0, 0, 0)
