@@ -22,7 +22,7 @@ from terrain.renderers.base import Boxes, setting
 from terrain.renderers.tile_mesh import build_tile_indices
 from terrain.scene import Scene
 
-SPLIT_RATIO = 20.0  # culling nodes are split while nearer than this many times their size
+SMALL_NODES_CELLS = 224  # up to this distance the nodes that are culled are as small as the smallest tiles
 LARGEST_GAIN, SMALLEST_GAIN = 0.6, 0.02  # how much of the gap between cost and budget one frame closes, in powers
 RECORD_WORDS = 8  # of 32 bits per tile: north-west post, level; lambda of the interior and of the four edges
 
@@ -103,7 +103,8 @@ class GeomorphRenderer:
     def select(self, frame: Frame) -> None:
         settings = self.settings
         tolerance = self._steered_tolerance()
-        visible = self._culler.select(frame, horizon=settings.horizon, split_ratio=SPLIT_RATIO)
+        split_ratio = SMALL_NODES_CELLS / (1 << self._levels.size_level)
+        visible = self._culler.select(frame, horizon=settings.horizon, split_ratio=split_ratio)
         queue = settings.starts_per_frame if settings.starts_per_frame < self._tile_count else None
         self._tiles = tiles = self._levels.select(
             frame, visible, tolerance, settings.driver, settings.morph_s, settings.morph_frames, queue
