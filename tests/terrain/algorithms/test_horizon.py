@@ -30,7 +30,7 @@ def crossed(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances (rays, boxes) at which level rays from the eye enter and leave boxes; those that miss enter last."""
     east, south = np.sin(RAYS)[:, None] + 1e-12, -np.cos(RAYS)[:, None] + 1e-12
     to_x, to_z = np.sort([x[0] / east, x[1] / east], axis=0), np.sort([z[0] / south, z[1] / south], axis=0)
-    return np.maximum(np.maximum(to_x[0], to_z[0]), 0), np.minimum(to_x[1], to_z[1])
+    return np.maximum(np.maximum(to_x[0], to_z[0]), 1e-9), np.maximum(np.minimum(to_x[1], to_z[1]), 1e-9)
 
 
 @settings(max_examples=25, deadline=None)
@@ -48,8 +48,8 @@ def test_what_is_hidden_is_hidden_along_every_ray(seed, x_m, z_m, yaw_deg, holed
     enter, leave = crossed(x, z)
     hits = leave > enter
     # Ground in a box is sure to reach this tangent somewhere, and nothing in a box is seen above the other.
-    reached = np.where(hits, bottom / np.where(bottom > 0, leave, np.maximum(enter, 1e-9)), -np.inf)
-    highest = top / np.where(top > 0, np.maximum(enter, 1e-9), leave)
+    reached = np.where(hits, bottom / np.where(bottom > 0, leave, enter), -np.inf)
+    highest = top / np.where(top > 0, enter, leave)
     for box in np.flatnonzero(~visible):
         for ray in np.flatnonzero(leave[:, box] > enter[:, box] + 1e-3):
             nearer = leave[ray] <= enter[ray, box] + 1e-3
