@@ -203,14 +203,18 @@ def _list_settings(parser: argparse.ArgumentParser) -> None:
 
 def _read_flight(args: argparse.Namespace, heightfield: Any) -> Any:
     """The flight a command names, from a flight file or a track; None where it names none."""
+    from terrain.flight.track_files import TRACK_SUFFIXES
+
+    if args.flight is not None and args.flight.suffix.lower() in TRACK_SUFFIXES:
+        from terrain.flight.tracks import read_track
+
+        return read_track(args.flight, heightfield, args.above_ground, args.duration)
+    if args.above_ground is not None or args.duration is not None:
+        raise InputError(f"--above-ground and --duration go with --flight and a track: {', '.join(TRACK_SUFFIXES)}.")
     if args.flight is None:
         return None
     from terrain.flight import read_flight
-    from terrain.flight.track_files import TRACK_SUFFIXES
-    from terrain.flight.tracks import read_track
 
-    if args.flight.suffix.lower() in TRACK_SUFFIXES:
-        return read_track(args.flight, heightfield, args.above_ground, args.duration)
     return read_flight(args.flight)
 
 

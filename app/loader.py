@@ -136,6 +136,11 @@ class Loader:
             return
         self._start(session, self._watched.name, lambda: Loaded(source, _read_terrain(source), is_reload=True))
 
+    def remember(self, session: Session) -> None:
+        """Put the file of the present terrain first among those opened lately."""
+        if self._watched is not None:
+            session.preferences.remember_file(self._watched)
+
     def cancel(self) -> None:
         """Stop reading; the present terrain stays."""
         if self._job is not None:
@@ -172,8 +177,7 @@ class Loader:
                 return session
             session.loader = self
             self._watch(loaded.source)
-            if self._watched is not None:
-                session.preferences.remember_file(self._watched)
+            self.remember(session)
         elif loaded.image is not None:
             session.layers.lay_image(loaded.image, loaded.image_path)
         for path in loaded.flights:

@@ -101,6 +101,7 @@ class Window:
 
         session = Session(self.gpu, heightfield, drawing, flight, preferences=self._preferences)
         session.loader = Loader(source)
+        session.loader.remember(session)
         self._glfw.set_drop_callback(self._window._window, cast(Any, self._take_drop))
         self._show(session)
         self._window.visible = True  # not before there is something to see

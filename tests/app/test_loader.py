@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 
 from app.controls import Inputs
 from app.loader import Loader
+from app.viewer import Window
 from terrain import progress
 from terrain.flight import read_flight, write_flight
 from terrain.geotiff import write_geotiff
@@ -250,3 +252,30 @@ def test_leaving_with_changes_that_cannot_be_saved_stays(session, tmp_path):
     session.leave()
     session.dialogs.answer("discard")
     assert session.is_leaving
+
+
+def test_what_is_dropped_is_opened_and_closing_the_window_asks(session, opened, waves):
+    window = Window.__new__(Window)
+    window._dropped, window._session = [], session
+    window._window = SimpleNamespace(is_closing=False, title="")
+    window._take_drop(None, [str(waves)])
+    assert window._take_orders(session) is session
+    assert session.loader.is_busy
+    assert window._dropped == []
+    new = opened()
+    new.flights.add_keyframe()
+    window._window.is_closing = True
+    window._take_orders(new)
+    assert not window._window.is_closing
+    assert new.dialogs.question is not None
+    assert not new.is_leaving
+    new.dialogs.answer("discard")
+    assert new.is_leaving
+
+
+def test_files_opened_lately_are_remembered(session, opened, waves):
+    session.loader.open(session, [waves])
+    assert opened().preferences.current.recent_files == (str(waves),)
+    session.loader = Loader(argparse.Namespace(terrain=str(waves)))
+    session.loader.remember(session)
+    assert session.preferences.current.recent_files == (str(waves),)

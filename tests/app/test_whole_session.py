@@ -30,7 +30,9 @@ class Person:
     def __init__(self, environment, folder, *words):
         self.environment, self.folder, self.count = environment, folder, 0
         program = [sys.executable, "-m", "app", *words, "--size", SIZE]
-        self.viewer = subprocess.Popen(program, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True)
+        self.errors = folder / "errors.txt"
+        with self.errors.open("w") as errors:
+            self.viewer = subprocess.Popen(program, cwd=folder, env=environment, stderr=errors)
 
     def do(self, *words):
         """Words of xdotool; a key held with Ctrl is held long enough for a slow window to see both."""
@@ -45,7 +47,7 @@ class Person:
     def see(self, title):
         """Wait for a window of that title, and turn to it."""
         found = wait_for(lambda: self.do("search", "--onlyvisible", "--name", title) or self.viewer.poll(), title)
-        assert isinstance(found, list), self.viewer.stderr.read()
+        assert isinstance(found, list), self.errors.read_text()
         self.window = found[0]
         self.do("windowfocus", self.window, "mousemove", "--window", self.window, 600, 150)
 
@@ -57,7 +59,7 @@ class Person:
             self.do(*words)
             end = time.monotonic() + patience_s
             while not (value := condition()) and time.monotonic() < end:
-                assert self.viewer.poll() is None, self.viewer.stderr.read()
+                assert self.viewer.poll() is None, self.errors.read_text()
                 time.sleep(0.05)
             return value or None
 
@@ -67,8 +69,7 @@ class Person:
 
     def leave(self):
         self.until(lambda: self.viewer.poll() is not None, "leaving", "key", "ctrl+q")
-        assert self.viewer.returncode == 0, self.viewer.communicate()[1]
-        self.viewer.communicate()
+        assert self.viewer.returncode == 0, self.errors.read_text()
 
     def keep_picture(self, what):
         if PICTURES:
@@ -141,7 +142,7 @@ def test_a_whole_session_from_opening_to_coming_back(desktop, tmp_path):  # noqa
         person.leave()
     finally:
         person.viewer.kill()
-        person.viewer.communicate()
+        person.viewer.wait()
 
 
 def export(person, is_open):
