@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.culling import Culler, Nodes
-from terrain.algorithms.refined_cells import PATCH_LEVEL, RefinedCells, refine_cells
+from terrain.algorithms.refined_cells import PATCH_LEVEL, RefinedCells, load_refined
 from terrain.algorithms.rtin import Ladder, Rtin, build_rtin
 from terrain.algorithms.rtin_mesh import Patches
 from terrain.breaklines import Breaklines
@@ -105,7 +105,7 @@ def load_tree(heightfield: Heightfield, breaklines: Breaklines | None = None) ->
             store_arrays("multiresolution", key, {"drop_rung": rtin.drop_rung, "ladder": ladder})
     refined = None
     if breaklines is not None:
-        refined = refine_cells(heightfield, breaklines, rtin.drop_rung.shape, top)
+        refined = load_refined(heightfield, breaklines, rtin.drop_rung.shape, top)
     return ApproximationTree(heightfield, rtin, find_microstructures(rtin), refined=refined)
 
 

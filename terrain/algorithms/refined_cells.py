@@ -13,29 +13,28 @@ the lines in it not to matter is drawn as any other (`departure_m` says how much
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import combinations, pairwise
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.delaunay import Delaunay
+from terrain.algorithms.cell_tin import UNITS, Piece, Point, Triangle, triangulate_cell
 from terrain.breaklines import Breaklines
+from terrain.cache import load_arrays, store_arrays
 from terrain.errors import InputError
 from terrain.heightfield import Heightfield, surface_heights
 from terrain.pyramid import BASE_LEVEL, Pyramid
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-Point = tuple[int, int]  # col, row in units
-Piece = tuple[Point, Point]
-
-UNITS = 1024
-"""Lines are kept to 1 / UNITS of a post: float32 holds that exactly up to 16384 posts, and `Delaunay` is exact."""
 PATCH_LEVEL = BASE_LEVEL  # refined patches of 8 x 8 cells
 PATCH_CELLS = 1 << PATCH_LEVEL
 MOST_PIECES = 100  # of lines in one cell
+KEPT_CELLS = 500  # fewer are quicker to refine than to keep
+CACHE_VERSION = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ class RefinedCells:
         For patches of level 3 and up, how far the refined surface may lie from the posts' own.
     cell_height_m : ndarray of float64, (p, 2)
         The lowest and the highest vertex of each refined patch.
-    cell_count, cell_triangles : int
+    counts : tuple of int
         Refined cells, and their triangles.
     """
 
@@ -73,8 +72,7 @@ class RefinedCells:
     fin_patches: Ints
     departure_m: tuple[npt.NDArray[np.float32], ...]
     cell_height_m: Floats
-    cell_count: int
-    cell_triangles: int
+    counts: tuple[int, int]
 
     def index_of(self, row: npt.NDArray[np.int32], col: npt.NDArray[np.int32]) -> Ints:
         """Which refined patch each patch of level 3 is; -1 where it is none."""
@@ -106,6 +104,29 @@ def widened(pyramid: Pyramid, refined: RefinedCells) -> Pyramid:
     return Pyramid(tuple(minima), tuple(maxima), pyramid.error_m, pyramid.cells)
 
 
+def load_refined(
+    heightfield: Heightfield, breaklines: Breaklines, padded_shape: tuple[int, int], top_level: int
+) -> RefinedCells:
+    """As `refine_cells`, from the disk cache where the same lines were refined before: many take seconds."""
+    digest = hashlib.sha256(f"{heightfield.sha256}:{padded_shape}:{top_level}:{CACHE_VERSION}".encode())
+    for line in breaklines.lines:
+        digest.update(np.ascontiguousarray(line).tobytes() + b";")
+    names = [field.name for field in fields(RefinedCells) if field.name not in ("departure_m", "counts")]
+    arrays = load_arrays("refined", digest.hexdigest())
+    if arrays is not None and {*names, "counts", "departure0"} <= set(arrays):
+        levels = sum(name.startswith("departure") for name in arrays)
+        departures = tuple(arrays[f"departure{i}"] for i in range(levels))
+        count, triangles = arrays["counts"].tolist()
+        return RefinedCells(**{n: arrays[n] for n in names}, departure_m=departures, counts=(count, triangles))
+    refined = refine_cells(heightfield, breaklines, padded_shape, top_level)
+    if refined.counts[0] > KEPT_CELLS:
+        kept = {n: np.asarray(getattr(refined, n)) for n in (*names, "counts")}
+        store_arrays(
+            "refined", digest.hexdigest(), kept | {f"departure{i}": d for i, d in enumerate(refined.departure_m)}
+        )
+    return refined
+
+
 def refine_cells(
     heightfield: Heightfield, breaklines: Breaklines, padded_shape: tuple[int, int], top_level: int
 ) -> RefinedCells:
@@ -128,7 +149,7 @@ def refine_cells(
     refuse_crowds(heightfield, breaklines)
     pieces, height_of = _cut_lines(heightfield, breaklines)
     cells = _group_by_cell(pieces, height_of, heightfield)
-    triangles = {cell: _triangulate(cell, points, inside, height_of) for cell, (points, inside) in cells.items()}
+    triangles = {cell: triangulate_cell(cell, points, inside, height_of) for cell, (points, inside) in cells.items()}
     number = _Numbers(height_of, padded_shape)
     patches = np.unique(np.array(list(cells), np.int64).reshape(-1, 2) // PATCH_CELLS, axis=0)
     lists = [_patch_triangles(patch, triangles, number) for patch in patches.tolist()]
@@ -138,7 +159,7 @@ def refine_cells(
         number.vertices(), patches, np.concatenate([np.empty((0, 3), np.int32), *lists]),
         np.cumsum([0, *map(len, lists)]), fins, fin_patches,
         _departures(heightfield, cells, height_of, padded_shape, top_level), np.array(lowest).reshape(-1, 2),
-        len(cells), sum(map(len, triangles.values())),
+        (len(cells), sum(map(len, triangles.values()))),
     )  # fmt: skip
 
 
@@ -249,120 +270,6 @@ def _group_by_cell(pieces: Sequence[Piece], height_of: dict[Point, float], heigh
     return cells
 
 
-def _triangulate(
-    cell: tuple[int, int], points: set[Point], pieces: list[Piece], height_of: dict[Point, float]
-) -> list[tuple[Point, Point, Point]]:
-    """Triangles of one cell, counter-clockwise from above; points that they need beside the given ones are added."""
-    row, col = cell
-    corners = [(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)]
-    rim = [(c * UNITS, r * UNITS) for c, r in corners]
-    ends = {end for piece in pieces for end in piece}
-    if points <= ends and all(_on_rim(end, rim) for end in ends):
-        parts = _cut_across(rim, ends, pieces)
-        if parts is not None:
-            return parts
-    return _conforming(rim, points, pieces, height_of)
-
-
-def _on_rim(point: Point, rim: list[Point]) -> bool:
-    return point[0] in (rim[0][0], rim[2][0]) or point[1] in (rim[0][1], rim[2][1])
-
-
-def _cut_across(rim: list[Point], ends: set[Point], pieces: list[Piece]) -> list[tuple[Point, Point, Point]] | None:
-    """A square cut by lines from rim to rim, the common case: all parts are convex. None where two lines cross."""
-    (west, north), (east, south) = rim[0], rim[2]
-
-    def along(point: Point) -> int:  # clockwise as seen from above, from the north-west corner
-        col, row = point
-        if row == north:
-            return col - west
-        if col == east:
-            return UNITS + row - north
-        return 2 * UNITS + east - col if row == south else 3 * UNITS + south - row
-
-    parts = [sorted({*rim, *ends}, key=along)]
-    for one, other in pieces:
-        whole = next((part for part in parts if one in part and other in part), None)
-        if whole is None:
-            return None
-        i, j = sorted((whole.index(one), whole.index(other)))
-        parts.remove(whole)
-        parts += [half for half in (whole[i : j + 1], whole[j:] + whole[: i + 1]) if len(half) > 2]
-    return [(part[0], part[k + 1], part[k]) for part in parts for k in range(1, len(part) - 1)]
-
-
-def _conforming(
-    rim: list[Point], points: set[Point], pieces: list[Piece], height_of: dict[Point, float]
-) -> list[tuple[Point, Point, Point]]:
-    """A Delaunay triangulation that has every piece as edges: where one is missing, its middle is added."""
-    west, north = rim[0]
-    mesh = Delaunay(UNITS)
-    places = list(rim)
-    known = set(rim)
-
-    def add(point: Point, height: float) -> None:
-        if point not in known:
-            known.add(point)
-            places.append(point)
-            height_of.setdefault(point, height)
-            mesh.add(point[0] - west, point[1] - north)
-
-    for point in sorted(points):
-        add(point, height_of[point])
-    waiting = [part for piece in _without_crossings(pieces, add, height_of) for part in _at_points(piece, places)]
-    edges: set[tuple[Point, Point]] | None = None
-    while waiting:
-        one, other = waiting.pop()
-        if edges is None:
-            edges = {(places[a], places[b]) for t in mesh.used.tolist() for a, b in zip(t, t[1:] + t[:1], strict=True)}
-        middle = (one[0] + other[0]) // 2, (one[1] + other[1]) // 2
-        if (one, other) in edges or (other, one) in edges or middle in (one, other):
-            continue
-        if middle not in known:
-            add(middle, (height_of[one] + height_of[other]) / 2)
-            edges = None
-        waiting += [(one, middle), (middle, other)]
-    return [(places[c], places[b], places[a]) for a, b, c in mesh.used.tolist()]
-
-
-def _without_crossings(
-    pieces: list[Piece], add: Callable[[Point, float], None], height_of: dict[Point, float]
-) -> list[Piece]:
-    """The pieces, cut where two cross; there the height is the mean of both."""
-    cuts: dict[Piece, list[Point]] = {piece: [] for piece in pieces}
-    for one, other in combinations(pieces, 2):
-        (ax, ay), (bx, by), (cx, cy), (dx, dy) = *one, *other
-        turn = (bx - ax) * (dy - cy) - (by - ay) * (dx - cx)
-        if turn == 0:
-            continue
-        s = ((cx - ax) * (dy - cy) - (cy - ay) * (dx - cx)) / turn
-        t = ((cx - ax) * (by - ay) - (cy - ay) * (bx - ax)) / turn
-        if 0 < s < 1 and 0 < t < 1:
-            place = round(ax + s * (bx - ax)), round(ay + s * (by - ay))
-            heights = [height_of[p] + k * (height_of[q] - height_of[p]) for (p, q), k in ((one, s), (other, t))]
-            add(place, sum(heights) / 2)
-            cuts[one].append(place)
-            cuts[other].append(place)
-    parts = []
-    for (begin, end), inside in cuts.items():
-        chain = sorted({begin, end, *inside}, key=lambda p: (p[0] - begin[0]) ** 2 + (p[1] - begin[1]) ** 2)
-        parts += list(pairwise(chain))
-    return parts
-
-
-def _at_points(piece: Piece, places: list[Point]) -> list[Piece]:
-    """A piece, cut at the points that lie on it."""
-    (ax, ay), (bx, by) = piece
-    across, along = bx - ax, by - ay
-    on = []
-    for x, y in places:
-        reach = (x - ax) * across + (y - ay) * along
-        if across * (y - ay) == along * (x - ax) and 0 <= reach <= across**2 + along**2:
-            on.append((reach, (x, y)))
-    chain = [point for _, point in sorted(on)]
-    return list(pairwise(chain))
-
-
 class _Numbers:
     """Numbers of points: of posts by their place in the padded grid, of all others as they come, behind the posts."""
 
@@ -382,7 +289,7 @@ class _Numbers:
 
 
 def _patch_triangles(
-    patch: list[int], triangles: dict[tuple[int, int], list[tuple[Point, Point, Point]]], number: _Numbers
+    patch: list[int], triangles: dict[tuple[int, int], list[Triangle]], number: _Numbers
 ) -> npt.NDArray[np.int32]:
     """The triangles of a refined patch: those of its refined cells, and two for every other."""
     found: list[tuple[int, int, int]] = []

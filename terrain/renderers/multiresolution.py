@@ -158,7 +158,7 @@ class MultiresolutionRenderer:
     def fine_structures(self) -> tuple[int, int]:
         """Cells that imported lines refine, and the triangles these have; waits for the tree."""
         refined = self._current_pool().tree.refined
-        return (0, 0) if refined is None else (refined.cell_count, refined.cell_triangles)
+        return (0, 0) if refined is None else refined.counts
 
     def _load(self) -> ApproximationTree:
         """The tree, built aside; says how far it is."""

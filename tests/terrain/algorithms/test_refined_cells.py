@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from terrain.algorithms.refined_cells import UNITS, RefinedCells, refine_cells, widened
+from terrain.algorithms import refined_cells
+from terrain.algorithms.cell_tin import UNITS
+from terrain.algorithms.refined_cells import RefinedCells, load_refined, refine_cells, widened
 from terrain.algorithms.rtin import padded_shape
 from terrain.breaklines import Breaklines
 from terrain.errors import InputError
@@ -177,3 +179,20 @@ def test_a_crowd_of_lines_in_one_cell_is_refused():
     lines = [[(5 + i / 300, 5.0), (5 + i / 300, 6.0)] for i in range(1, 250)]
     with pytest.raises(InputError, match="simplify"):
         refine(hills(), *lines)
+
+
+def test_refined_cells_from_the_cache_equal_those_made(tmp_path, monkeypatch):
+    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+    monkeypatch.setattr(refined_cells, "KEPT_CELLS", 10)
+    terrain, shape = hills(), padded_shape(33, 41, TOP)
+    lines = Breaklines((np.array([[3.3, 4.7, 50.0], [25.6, 19.1, 60.0]]),))
+    made = load_refined(terrain, lines, shape, TOP)
+    monkeypatch.setattr(refined_cells, "refine_cells", None)  # not asked again
+    kept = load_refined(terrain, lines, shape, TOP)
+    assert kept.counts == made.counts
+    for name in ("vertices", "patches", "triangles", "starts", "fins", "fin_patches", "cell_height_m"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(made, name))
+    assert len(kept.departure_m) == len(made.departure_m)
+    assert all(map(np.array_equal, kept.departure_m, made.departure_m))
+    with pytest.raises(TypeError):
+        load_refined(terrain, lines.scaled(2.0), shape, TOP)

@@ -59,9 +59,10 @@ def test_roads_refine_as_many_cells_as_the_paper_says():
     terrain = hills(161, 81)  # a sixteenth of the paper's
     roads = figure6.build_roads(terrain, 130_000 // 16)
     refined = refine_cells(terrain, roads, padded_shape(161, 81, 6), 6)
-    added = refined.cell_triangles - 2 * refined.cell_count
+    cells, triangles = refined.counts
+    added = triangles - 2 * cells
     assert added == pytest.approx(130_000 / 16, rel=0.2)
-    assert 0.1 < refined.cell_count / (160 * 80) < 0.25
+    assert 0.1 < cells / (160 * 80) < 0.25
 
 
 def test_textures_show_the_relief_and_its_zones():
