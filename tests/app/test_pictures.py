@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from app.pictures import DEBUG_VIEWS, FOLDER, LARGEST_BYTES, OffscreenWindow, draw_halves, save_chart, save_small
+from app.pictures import DEBUG_VIEWS, LARGEST_BYTES, OffscreenWindow, draw_halves, save_chart, save_small
 from terrain.renderers import RENDERERS
-
-README = Path(__file__).resolve().parents[2] / "README.md"
 
 
 def test_the_window_is_drawn_without_a_window(session):
@@ -67,10 +62,3 @@ def test_the_chart_is_a_small_picture(tmp_path):
     with Image.open(tmp_path / "chart.png") as image:
         assert image.width > 400
     assert (tmp_path / "chart.png").stat().st_size <= LARGEST_BYTES
-
-
-def test_the_pictures_of_the_readme_exist_and_are_small():
-    named = re.findall(r"\]\((assets/pictures/[^)]+)\)|src=\"(assets/pictures/[^\"]+)\"", README.read_text("utf-8"))
-    paths = [README.parent / (one or other) for one, other in named]
-    assert all(path.stat().st_size <= LARGEST_BYTES for path in paths)
-    assert {path.name for path in paths} == {path.name for path in FOLDER.glob("*.*")}
