@@ -23,25 +23,25 @@ detail*, Journal of WSCG 11 (2003): tiles (section 2), levels by screen-space er
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.culling import Nodes
+from terrain.algorithms.tile_tiers import Tier, build_tier, sum_ramps, tile_edges, tolerance_m
+from terrain.algorithms.tile_windows import (
+    Window, bordered, bounding_window, doubled, grown, join_parts, parts_window, whole
+)  # fmt: skip
 from terrain.frame import Frame
-from terrain.pyramid import BASE_LEVEL, Pyramid
 from terrain.scene import Scene
 
 Driver = Literal["distance", "time", "frames", "off"]
 Grid = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
-Window = tuple[slice, slice]
 
 LARGEST_TILE_LEVEL = 8  # joined tiles of up to 256 cells
 TILES_PER_SIDE = 256  # that automatic tiles have at most
-RAMP_GAP = 1.05  # successive ramp ends differ by at least this factor: every ramp has a width
 
 
 def automatic_tile_cells(cells: tuple[int, int]) -> int:
@@ -70,24 +70,6 @@ class Tiles(NamedTuple):
     edge_lam: Grid
 
 
-@dataclass(frozen=True, eq=False)
-class _Tier:
-    """Static data of all tiles of one size, arrays (rows, cols).
-
-    ``start`` and ``scale`` (levels, rows, cols) are the ramps: v = clip((tol - start) * scale, 0, 1). The smallest
-    tiles have a ramp for each of their levels, joined ones a single ramp for their last. ``full`` is the tol at which a
-    tile reaches its coarsest level, ``parts_full`` the tol at which all four parts of a joined tile have.
-    """
-
-    size_level: int
-    minimum_m: Grid
-    maximum_m: Grid
-    start: Grid
-    scale: Grid
-    full: Grid
-    parts_full: Grid
-
-
 class TileLevels:
     """Levels of all tiles of a scene for any eye.
 
@@ -107,17 +89,17 @@ class TileLevels:
         self.size_level = tile_cells.bit_length() - 1
         last = min(max(pyramid.top_level, self.size_level), LARGEST_TILE_LEVEL) if join else self.size_level
         largest = [-(-n >> last) << (last - self.size_level) for n in self.cells]  # smallest tiles, padded
-        self.tiers: list[_Tier] = []
+        self.tiers: list[Tier] = []
         for t in range(self.size_level, last + 1):
             shape = [n >> (t - self.size_level) for n in largest]
-            self.tiers.append(_build_tier(pyramid, t, shape, self.tiers[-1] if self.tiers else None))
+            self.tiers.append(build_tier(pyramid, t, shape, self.tiers[-1] if self.tiers else None))
         self._in_grid = self.tiers[0].full >= 0
         self._overhangs = not self._in_grid.all()
         # First and last post of all tiers' columns, one tier behind the other, and of their rows [m].
         counts = np.array([tier.full.shape for tier in self.tiers])
         sizes = [1 << tier.size_level for tier in self.tiers]
         self._rows, self._cols = (
-            spacing * _edges(counts[:, axis].tolist(), sizes, self.cells[axis])
+            spacing * tile_edges(counts[:, axis].tolist(), sizes, self.cells[axis])
             for axis, spacing in ((0, self.spacing_m[1]), (1, self.spacing_m[0]))
         )
         self._first = (np.cumsum(counts, axis=0) - counts).tolist()
@@ -189,7 +171,7 @@ class TileLevels:
             blocks[nodes.row[at], :, nodes.col[at], :] = True
         masks = [mask[:rows, :cols] & self._in_grid if self._overhangs else mask[:rows, :cols]]
         for _ in self.tiers[1:]:
-            masks.append(_join(masks[-1], np.logical_or))
+            masks.append(join_parts(masks[-1], np.logical_or))
         return masks
 
     def _targets(
@@ -207,23 +189,23 @@ class TileLevels:
             np.square(np.maximum(np.maximum(edges[0] - at, at - edges[1]), 0.0)).astype(np.float32)
             for edges, at in ((self._rows, eye[2]), (self._cols, eye[0]))
         )
-        window = _whole(masks[-1])
+        window = whole(masks[-1])
         for index in range(len(self.tiers) - 1, -1, -1):
             tier = self.tiers[index]
             gap_z, gap_x = (
                 gap[first + w.start : first + w.stop]
                 for gap, first, w in zip(gaps, self._first[index], window, strict=True)
             )
-            tol = _tolerance_m(tier, window, gap_z, gap_x, np.float32(eye[1]), tolerance)
+            tol = tolerance_m(tier, window, gap_z, gap_x, np.float32(eye[1]), tolerance)
             windows.insert(0, window)
-            fields.insert(0, _ramps(tier, window, tol))
+            fields.insert(0, sum_ramps(tier, window, tol))
             if index and everywhere:
-                window = _whole(masks[index - 1])
+                window = whole(masks[index - 1])
             elif index:
                 # A ring around what is visible counts too, so that turning the head changes nothing in the middle.
-                needed = _grown(masks[index][window]) & (tol < tier.parts_full[window])
+                needed = grown(masks[index][window]) & (tol < tier.parts_full[window])
                 margin = self.size_level + 2  # as far as a tile limits others, in parts of this tile
-                window = _parts_window(_bounding_window(needed, window), window, margin)
+                window = parts_window(bounding_window(needed, window), window, margin)
         return windows, fields
 
     def _step(self, frame: Frame, driver: Driver, morph_s: float, morph_frames: int) -> float:
@@ -268,9 +250,9 @@ class TileLevels:
             )
             within = np.zeros(least.shape, np.bool_)
             if levels[-1].size:
-                least[inside[0], inside[1]] = _join(levels[-1], np.minimum)
+                least[inside[0], inside[1]] = join_parts(levels[-1], np.minimum)
                 within[inside[0], inside[1]] = True
-            around = _bordered(least, full)  # what lies outside limits nothing
+            around = bordered(least, full)  # what lies outside limits nothing
             limit = np.minimum(
                 np.minimum(around[:-2, 1:-1], around[2:, 1:-1]), np.minimum(around[1:-1, :-2], around[1:-1, 2:])
             )
@@ -299,7 +281,7 @@ class TileLevels:
                 np.maximum(offer, np.where(exists, lam, np.float32(-1)) if index else lam, out=offer)
                 if self._overhangs:
                     offer[self.tiers[index].full[window] < 0] = 0
-                offer = _bordered(offer, np.float32(0))
+                offer = bordered(offer, np.float32(0))
                 width, flat = offer.shape[1], offer.ravel()
                 row, col = np.divmod(here, lam.shape[1])
                 at = (row + 1) * width + (col + 1)
@@ -316,7 +298,7 @@ class TileLevels:
                 parts.append(Tiles(post, np.full(len(here), t, np.int32), level, own, edge.T))
             if index:
                 inner = windows[index - 1]
-                gone = _doubled(covered | exists)
+                gone = doubled(covered | exists)
                 covered = gone[
                     inner[0].start - 2 * window[0].start : inner[0].stop - 2 * window[0].start,
                     inner[1].start - 2 * window[1].start : inner[1].stop - 2 * window[1].start,
@@ -327,119 +309,6 @@ class TileLevels:
 def tile_triangles(tiles: Tiles) -> int:
     """Triangles of the tiles: 2^(2 (t - L) + 1) each (section 2)."""
     return int(np.left_shift(2, 2 * (tiles.size_level - tiles.level).astype(np.int64)).sum())
-
-
-def _build_tier(pyramid: Pyramid, size_level: int, shape: list[int], smaller: _Tier | None) -> _Tier:
-    """Bounds and ramps of all tiles of 2^size_level cells, padded to ``shape`` by tiles that limit nothing."""
-    stored = min(size_level, pyramid.top_level)
-    minimum, maximum = pyramid.minimum(stored), pyramid.maximum(stored)
-    missing = [(0, n - m) for n, m in zip(shape, minimum.shape, strict=True)]
-    first = 0 if smaller is None else size_level - 1
-    errors = [pyramid.error(stored, min(l, stored)) for l in range(first, size_level + 1)]
-    errors = [np.pad(error, missing) for error in errors]
-    floor = np.float32(1e-6) * np.float32(max(float(np.abs(maximum).max()), 1e-3))
-    parts_full = np.zeros(shape, np.float32) if smaller is None else _join(smaller.full, np.maximum)
-    below = errors[0] if smaller is None else np.maximum(errors[0], parts_full)
-    start, scale = [], []
-    for error in errors[1:]:
-        end = np.maximum(error, np.maximum(below * np.float32(RAMP_GAP), floor))
-        begin = np.maximum(below, end / 2)
-        start.append(begin)
-        scale.append(1 / (end - begin))
-        below = end
-    inside = np.pad(np.ones(minimum.shape, np.bool_), missing)
-    return _Tier(
-        size_level,
-        np.pad(minimum, missing),
-        np.pad(maximum, missing),
-        np.where(inside, np.stack(start), np.float32(-2)),
-        np.where(inside, np.stack(scale), np.float32(1)),
-        np.where(inside, below, np.float32(-1)),
-        parts_full,
-    )
-
-
-def _whole(mask: Bools) -> Window:
-    return slice(0, mask.shape[0]), slice(0, mask.shape[1])
-
-
-def _bounding_window(mask: Bools, outer: Window) -> Window:
-    """The smallest window that holds all that is set in ``mask``, which lies in ``outer``; empty if nothing is."""
-    bits = mask.view(np.uint8)  # their maximum is found faster than whether any is true
-    rows, cols = np.flatnonzero(bits.max(axis=1, initial=0)), np.flatnonzero(bits.max(axis=0, initial=0))
-    if not len(rows):
-        return slice(0, 0), slice(0, 0)
-    (top, left), (last_row, last_col) = (w.start for w in outer), (int(rows[-1]) + 1, int(cols[-1]) + 1)
-    return slice(top + int(rows[0]), top + last_row), slice(left + int(cols[0]), left + last_col)
-
-
-def _parts_window(window: Window, outer: Window, margin: int) -> Window:
-    """The window of tiles of half the size, widened by ``margin`` of them inside ``outer``, aligned to whole tiles."""
-    rows, cols = (
-        slice(
-            max(2 * inner.start - margin, 2 * bound.start) // 2 * 2,
-            max(min(2 * inner.stop + margin + 1, 2 * bound.stop) // 2 * 2, 2 * bound.start),
-        )
-        for inner, bound in zip(window, outer, strict=True)
-    )
-    return rows, cols
-
-
-def _grown(mask: Bools) -> Bools:
-    """The mask and a ring of one tile around it."""
-    padded = _bordered(mask, np.bool_(False))
-    rows = padded[:-2] | padded[1:-1] | padded[2:]
-    return np.asarray(rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:])
-
-
-def _join(parts: npt.NDArray[Any], how: np.ufunc) -> npt.NDArray[Any]:
-    """Blocks of 2 x 2 joined by a ufunc; both sides are even."""
-    return how(how(parts[::2, ::2], parts[1::2, ::2]), how(parts[::2, 1::2], parts[1::2, 1::2]))
-
-
-def _doubled(mask: Bools) -> Bools:
-    """Every element as 2 x 2: two bytes at a time across, then row by row."""
-    return np.repeat((mask.view(np.uint8) * np.uint16(0x0101)).view(np.bool_), 2, axis=0)
-
-
-def _bordered(field: npt.NDArray[Any], value: np.generic) -> npt.NDArray[Any]:
-    """The field with a border of one tile."""
-    result = np.full((field.shape[0] + 2, field.shape[1] + 2), value, field.dtype)
-    result[1:-1, 1:-1] = field
-    return result
-
-
-def _edges(counts: list[int], sizes: list[int], cells: int) -> npt.NDArray[np.int64]:
-    """First and last post (2, n) of tiles along one axis, one tier behind the other."""
-    first = np.concatenate([np.arange(n) * size for n, size in zip(counts, sizes, strict=True)])
-    return np.stack([first, np.minimum(first + np.repeat(sizes, counts), cells)])
-
-
-def _tolerance_m(
-    tier: _Tier, window: Window, gap_z: Grid, gap_x: Grid, eye_m: np.float32, tolerance: np.float32
-) -> Grid:  # fmt: skip
-    """The error [m] allowed at the nearest point of each tile; gaps: squared distances to its rows and columns."""
-    tol = np.maximum(tier.minimum_m[window] - eye_m, eye_m - tier.maximum_m[window])
-    np.maximum(tol, 0, out=tol)
-    np.square(tol, out=tol)
-    tol += gap_x
-    tol += gap_z[:, None]
-    np.sqrt(tol, out=tol)
-    tol *= tolerance
-    return tol
-
-
-def _ramps(tier: _Tier, window: Window, tol: Grid) -> Grid:
-    """The sum of the clipped ramps of a tier."""
-    total: Grid | None = None
-    for start, scale in zip(tier.start, tier.scale, strict=True):
-        v = tol - start[window]
-        v *= scale[window]
-        np.maximum(v, 0, out=v)
-        np.minimum(v, 1, out=v)
-        total = v if total is None else np.add(total, v, out=total)
-    assert total is not None  # every tier has a ramp
-    return total
 
 
 def _limit_slope(field: Grid, levels: int) -> Grid:
@@ -461,6 +330,3 @@ def _limit_slope(field: Grid, levels: int) -> Grid:
 def _no_tiles() -> Tiles:
     none = np.zeros(0, np.int32)
     return Tiles(np.zeros((0, 2), np.int32), none, none, np.zeros(0, np.float32), np.zeros((0, 4), np.float32))
-
-
-assert BASE_LEVEL == 3  # the smallest tiles, 8 cells, are the finest nodes of the pyramid
