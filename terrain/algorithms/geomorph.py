@@ -31,8 +31,15 @@ import numpy.typing as npt
 from terrain.algorithms.culling import Nodes
 from terrain.algorithms.tile_tiers import Tier, build_tier, sum_ramps, tile_edges, tolerance_m
 from terrain.algorithms.tile_windows import (
-    Window, bordered, bounding_window, doubled, grown, join_parts, parts_window, whole
-)  # fmt: skip
+    Window,
+    bordered,
+    bounding_window,
+    doubled,
+    grown,
+    join_parts,
+    parts_window,
+    whole,
+)
 from terrain.frame import Frame
 from terrain.scene import Scene
 
