@@ -84,7 +84,8 @@ def write_kml(flight: Flight, heightfield: Heightfield, path: Path, overwrite: b
         If the terrain has no place on the Earth, or the file cannot be written.
     """
     keys = [key.t_s for key in flight.keyframes]
-    times = np.unique(np.r_[0.0, keys, np.arange(0.0, flight.duration_s, KML_STEP_S)])
+    # Rounded as they are written, or the steps would drift apart from their sum.
+    times = np.unique(np.round(np.r_[0.0, keys, np.arange(0.0, flight.duration_s, KML_STEP_S)], 6))
     cameras = [flight.camera_at(t) for t in times.tolist()]
     eyes = np.array([camera.position_m for camera in cameras])
     lon, lat = to_geographic(eyes[:, 0], eyes[:, 2], heightfield)

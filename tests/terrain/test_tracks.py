@@ -88,7 +88,7 @@ def test_kml_lines_and_gx_tracks_are_read_with_their_altitude_modes(tmp_path):
 
 @given(
     st.lists(
-        st.tuples(st.floats(0, 1500), st.floats(700, 3000), st.floats(0, 1000), st.floats(-180, 180),
+        st.tuples(st.floats(0, 1500), st.floats(770, 3000), st.floats(0, 1000), st.floats(-180, 180),
                   st.floats(-80, 30), st.floats(-60, 60), st.floats(20, 90)),
         min_size=2, max_size=6,
     )
