@@ -67,7 +67,7 @@ class PainterSettings(base.Settings):
         choices=("procedural", "cells", "indexed", "shuffled"),
     )  # fmt: skip
     depth: int = setting(
-        6, "Quadtree depth", "Tiles are the nodes this far below the root.", range=(0, MAX_DEPTH), rebuild=True
+        7, "Quadtree depth", "Tiles are the nodes this far below the root.", range=(0, MAX_DEPTH), rebuild=True
     )
     levels: bool = setting(True, "Level of detail", "Draw far tiles coarser, within the tolerance.")
     horizon: bool = setting(True, "Horizon culling", "Drop tiles hidden behind nearer ground.")
