@@ -114,6 +114,8 @@ def test_a_tile_that_is_not_ready_is_asked_for_again_later(stream):
 def test_what_is_forgotten_brings_no_results(stream):
     gate = threading.Event()
     stream.want(requests(Recorder(waits_for=gate), [1, 2, 3], handle=8))
+    while not stream._reading:  # a slow machine has not woken the thread yet
+        time.sleep(0.001)
     threading.Timer(0.05, gate.set).start()
     stream.forget(8)  # returns when nothing of it is being read
     assert gate.is_set()
