@@ -28,13 +28,13 @@ from app.jobs import Jobs
 from app.layers import Layers
 from app.loader import Loader
 from app.navigation import Navigation
-from app.opening import Drawing, open_library, open_stage, without_waiting
+from app.opening import Drawing, open_library, open_stage, open_tour, without_waiting
 from app.places import Places
 from app.preferences import PreferenceFile
 from app.survey import Survey
 from terrain.camera import Camera
 from terrain.errors import InputError, as_sentence
-from terrain.flight import Flight, demo_flight, numbered_path
+from terrain.flight import Flight, numbered_path
 from terrain.frame import FrameStats
 from terrain.gpu.context import Gpu
 from terrain.gpu.programs import ShaderError
@@ -85,7 +85,7 @@ class Session:
         self.view: Any = drawing.view
         self._settings = {name: without_waiting(kind.Settings()) for name, kind in RENDERERS.items()}
         self._settings[drawing.algorithm] = drawing.settings
-        flight = demo_flight(heightfield) if flight is None else flight.relocated(heightfield)
+        flight = open_tour(heightfield) if flight is None else flight.relocated(heightfield)
         self.layers = Layers(self, library, drawing.layers)
         self.flights = Flights(self, flight, self.preferences.folder)
         self.camera: Camera = flight.camera_at(0.0)

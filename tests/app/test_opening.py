@@ -1,4 +1,4 @@
-"""Embedded scenes come back from the cache as they were made."""
+"""Embedded scenes and tours come back from the cache as they were made."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import argparse
 import numpy as np
 import pytest
 
-from app.opening import open_terrain
+from app.opening import open_terrain, open_tour
 from terrain import synthetic
+from terrain.flight import demo_flight
 
 
 @pytest.mark.parametrize("scene", ["waves:65", "waves:65:3"])
@@ -30,3 +31,11 @@ def test_a_file_is_opened_with_the_options_given(tmp_path):
     )
     opened = open_terrain(args)
     assert (opened.rows, opened.cols, opened.spacing_m) == (3, 4, (5.0, 5.0))
+
+
+def test_a_tour_found_before_is_the_same_from_the_cache(hills, tmp_path, monkeypatch):
+    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+    found = open_tour(hills)
+    assert found == demo_flight(hills)
+    monkeypatch.setattr("app.opening.demo_flight", None)
+    assert open_tour(hills) == found
