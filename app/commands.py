@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from app import arguments, laboratory
-from app.opening import open_library, open_stage, open_terrain, read_drawing
+from app.opening import open_library, open_stage, open_terrain, open_tour, read_drawing
 from terrain.errors import InputError
+from terrain.heightfield import Heightfield
 
 DEFAULT_SCENE = "alps"
 DEFAULT_SIZE_PX = (1280, 720)
@@ -34,7 +35,7 @@ def view(args: argparse.Namespace) -> None:
 
     drawing = read_drawing(args)
     with ThreadPoolExecutor(1) as pool:
-        terrain = pool.submit(open_terrain, args)  # read while the window is made
+        terrain = pool.submit(_open_ahead, args)  # while the window is made
         try:
             window = Window(args.size or DEFAULT_SIZE_PX)
         except WindowError as reason:
@@ -43,6 +44,16 @@ def view(args: argparse.Namespace) -> None:
             return
         with window:
             window.run(terrain.result(), drawing, _read_flight(args, terrain.result()), args, args.dev)
+
+
+def _open_ahead(args: argparse.Namespace) -> Heightfield:
+    """The terrain a command names; what takes long to find about it is in the cache afterwards."""
+    from terrain.pyramid import load_pyramid
+
+    heightfield = open_terrain(args)
+    load_pyramid(heightfield)
+    open_tour(heightfield)
+    return heightfield
 
 
 def render(args: argparse.Namespace) -> None:
