@@ -10,6 +10,9 @@ Source: Alonso and Joan-Arinyo, sections 5, 6.1 and 8.
 Deviations: heights come from one texture instead of a vertex buffer per tile. Depth is written, with a test that always
 passes, so that sky, boxes and flight paths are hidden properly. A frozen selection keeps its order and is drawn with a
 depth test, so that one can watch it from elsewhere (figure 13).
+
+Where each fragment costs, as on a software rasteriser, the z-buffer mode is the faster one, by 2 to 18 % at depths 3 to
+6: it shades 1.02 fragments per pixel, painting 1.20. The order itself is free: a wrong one is no faster.
 """
 
 from __future__ import annotations
