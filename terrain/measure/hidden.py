@@ -21,8 +21,9 @@ def count_misplaced(distance_m: Floats, truth_m: Floats, reach_px: int, slack: f
     """Pixels that show what the truth hides: nearer or farther than everything it shows around them.
 
     A surface that errs by less than ``reach_px`` shows at each pixel what the truth shows within that reach, or
-    something in between; beside the skyline anything farther. A single pixel in front may be the tip of a needle
-    that the truth's rounded corners missed; beside the skyline and in the sky only blocks of 3 x 3 are not.
+    something in between; beside the skyline anything farther. In front only blocks of 3 x 3 count:
+    what is thinner may be the tip of a needle that the truth's rounded corners missed, or a crest that the truth just
+    hides and that an error within the promise lifts into sight.
 
     Parameters
     ----------
@@ -38,11 +39,9 @@ def count_misplaced(distance_m: Floats, truth_m: Floats, reach_px: int, slack: f
     farthest = ndimage.maximum_filter(truth_m, size)[inner, inner]
     shown = distance_m[inner, inner]
     too_near = np.isfinite(shown) & (shown < nearest * (1 - slack))
-    too_near &= ndimage.convolve(too_near.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant") > 1
-    wrong = too_near | (np.isfinite(shown) & (shown > farthest * (1 + slack)))
-    beside_sky = np.isinf(farthest)
-    blocks = ndimage.binary_erosion(wrong, np.ones((3, 3)))
-    return int((wrong & ~beside_sky).sum() + (blocks & beside_sky).sum())
+    too_far = np.isfinite(shown) & (shown > farthest * (1 + slack))
+    blocks = ndimage.binary_erosion(too_near, np.ones((3, 3)))
+    return int((too_far | blocks).sum())
 
 
 def passes_below(

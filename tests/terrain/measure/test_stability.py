@@ -210,6 +210,10 @@ def test_what_the_truth_hides_is_told_from_what_is_shifted() -> None:
     in_the_sky = truth.copy()
     in_the_sky[4:8, 10:14] = 500.0
     assert count_misplaced(in_the_sky, truth, 2, 0.01) > 0
+    for rows, expected in ((slice(17, 19), 0), (slice(15, 20), 3 * 32)):  # a crest lifted into sight; a hill in front
+        in_front = truth.copy()
+        in_front[rows, 3:37] = 400.0
+        assert count_misplaced(in_front, truth, 2, 0.01) == expected
 
 
 def test_rays_below_the_ground_are_known() -> None:
