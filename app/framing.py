@@ -13,8 +13,8 @@ LEAST_CLEARANCE_SPACINGS = 0.06  # 1.8 m above posts 30 m apart: eye height
 
 
 def ground_m(heightfield: Heightfield, x_m: float, z_m: float) -> float:
-    """Height of the surface below a position; beside the terrain, of its lowest point."""
-    height = float(heightfield.heights_at(x_m, z_m))
+    """Height of the ground below a position, as every renderer draws it; beside the terrain, of its lowest point."""
+    height = float(heightfield.ground_at(x_m, z_m))
     return height if math.isfinite(height) else heightfield.height_range_m[0]
 
 

@@ -156,6 +156,10 @@ class Heightfield:
         x, z = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(z_m, np.float64))
         return surface_heights(self.heights_m, x / self.spacing_m[0], z / self.spacing_m[1], diagonal)
 
+    def ground_at(self, x_m: npt.ArrayLike, z_m: npt.ArrayLike) -> Floats:
+        """Height to stand on, in float64; NaN outside the grid: no surface that a renderer draws is above it."""
+        return np.maximum(self.heights_at(x_m, z_m, "alternating"), self.heights_at(x_m, z_m, "uniform"))
+
 
 def surface_heights(
     heights: npt.NDArray[np.float32], col: Floats, row: Floats, diagonal: Diagonal = "alternating"

@@ -54,7 +54,7 @@ def demo_flight(heightfield: Heightfield) -> Flight:
     passed = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))]
     length_m = min(0.75 * _length_m(way), 0.4 * size_m)
     x, z = _at_distance(way, passed / passed[-1] * length_m).T
-    ground = heightfield.heights_at(x, z)
+    ground = heightfield.ground_at(x, z)
     # High up the eye does not follow every hump: it keeps above what lies a second before and behind.
     around = np.lib.stride_tricks.sliding_window_view(np.pad(ground, 4, mode="edge"), 9)
     envelope = _smoothed(around.max(axis=1), 3.0)
@@ -259,5 +259,5 @@ def _ground_bound_m(heightfield: Heightfield, x_m: Floats, z_m: Floats) -> Float
     row = np.clip(z_m / dz, 0, heightfield.rows - 1.000001).astype(np.int64)
     corners = np.stack([heights[row + r, col + c] for r in (0, 1) for c in (0, 1)]).astype(np.float64)
     top, bottom = corners.max(axis=0), corners.min(axis=0)
-    surface, rise = heightfield.heights_at(x_m, z_m), (top - bottom) * math.sqrt(2.0) / _SAMPLES_PER_CELL
+    surface, rise = heightfield.ground_at(x_m, z_m), (top - bottom) * math.sqrt(2.0) / _SAMPLES_PER_CELL
     return np.minimum(np.where(np.isnan(surface), top, surface + rise), top)

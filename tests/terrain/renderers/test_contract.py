@@ -238,6 +238,18 @@ def test_tiny_grids_are_drawn(gpu, name, shape) -> None:
 
 
 @ALL
+def test_who_stands_on_the_ground_sees_it(gpu, name) -> None:
+    """Also where the two diagonal rules are metres apart."""
+    heights = np.random.default_rng(3).uniform(0, 80, (33, 33)).astype(np.float32)
+    field = Heightfield(heights, (90.0, 90.0))
+    stage = Stage(gpu, Scene(field, build_pyramid(heights)), name)
+    for x, z in np.random.default_rng(5).uniform(500.0, 2300.0, (12, 2)).tolist():
+        camera = Camera((x, float(field.ground_at(x, z)) + 1.7, z), 30.0, -60.0)
+        assert np.isfinite(stage.positions(camera, SIZE)[..., 0]).all()
+    stage.release()
+
+
+@ALL
 def test_without_clip_control_the_picture_is_the_same(gpu, name) -> None:
     """Drivers that lack it (macOS) get a logarithmic depth written by fragments."""
     fallback = Gpu(gpu.ctx, clip_control=False)
