@@ -6,8 +6,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-from app.arguments import OneLineParser, join_negative_values
-from app.commands import COMMANDS, DEFAULT_COMMAND
+from app.commands.arguments import OneLineParser, join_negative_values
+from app.commands.table import COMMANDS, DEFAULT_COMMAND
 from terrain import __version__
 from terrain.errors import InputError, as_sentence
 

@@ -18,14 +18,14 @@ import numpy as np
 from imgui_bundle import imgui, implot
 from PIL import Image
 
-from app import gui
-from app.capture import Picture, replacing
-from app.commands import COMMANDS
-from app.controls import Inputs
-from app.framing import frame_terrain
-from app.opening import open_terrain, read_drawing
-from app.panel import Panel
-from app.session import Session
+from app.commands.table import COMMANDS
+from app.flying.controls import Inputs
+from app.opening.drawing import open_terrain, read_drawing
+from app.output.capture import Picture, replacing
+from app.places.framing import frame_terrain
+from app.session.session import Session
+from app.viewer import gui
+from app.viewer.panel import Panel
 from terrain.camera import Camera
 from terrain.gpu.context import Gpu, create_offscreen_gpu
 from terrain.heightfield import Heightfield
@@ -66,7 +66,7 @@ class OffscreenWindow:
         self._framebuffer = ctx.framebuffer([self._texture])
 
     def frame(self) -> None:
-        """One frame, as in `app.viewer`."""
+        """One frame, as in `app.viewer.window`."""
         session = self.session
         imgui.backends.opengl3_new_frame()
         imgui.new_frame()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.opening import Drawing, default_algorithm
-from app.session import Session
+from app.opening.drawing import Drawing, default_algorithm
+from app.session.session import Session
 from terrain.camera import Camera
 from terrain.flight import demo_flight
 from terrain.gpu.context import create_offscreen_gpu

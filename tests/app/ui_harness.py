@@ -11,8 +11,8 @@ import ctypes
 from imgui_bundle import _imgui_bundle as native
 from imgui_bundle import imgui, implot
 
-from app import gui
-from app.panel import Panel
+from app.viewer import gui
+from app.viewer.panel import Panel
 
 engine = imgui.test_engine
 SIZE = (1280.0, 720.0)
@@ -39,7 +39,7 @@ class UiHarness:
         engine.start(self._engine, imgui.get_current_context())
 
     def frame(self, draw=lambda session: session.draw((64, 36))):
-        """One frame, as in ``app.viewer``; ``draw`` brings the picture up to date."""
+        """One frame, as in ``app.viewer.window``; ``draw`` brings the picture up to date."""
         imgui.new_frame()
         try:
             gui.press_keys(self.session)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.rendering import draw_bands
+from app.output.rendering import draw_bands
 from terrain.camera import Camera
 from terrain.frame import Frame
 from terrain.gpu.frame_block import Look, pack_frame

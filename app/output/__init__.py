@@ -1,0 +1,1 @@
+"""Pictures, frames, films and positions on disk."""

@@ -1,0 +1,1 @@
+"""Where things are: points of the ground, coordinates, bookmarks, views of a terrain. Knows no session."""
