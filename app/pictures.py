@@ -20,7 +20,8 @@ from PIL import Image
 
 from app.commands.table import COMMANDS
 from app.flying.controls import Inputs
-from app.opening.drawing import open_terrain, read_drawing
+from app.opening.drawing import read_drawing
+from app.opening.terrain import open_terrain
 from app.output.capture import Picture, replacing
 from app.places.framing import frame_terrain
 from app.session.session import Session

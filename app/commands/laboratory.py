@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from app.commands import arguments
-from app.opening.drawing import open_terrain
+from app.opening.terrain import open_terrain
 from terrain.errors import InputError
 from terrain.progress import listening
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.commands import arguments, laboratory
-from app.opening.drawing import open_library, open_stage, open_terrain, open_tour, read_drawing
+from app.opening.drawing import open_library, open_stage, read_drawing
+from app.opening.terrain import open_terrain, open_tour
 from terrain.errors import InputError
 from terrain.heightfield import Heightfield
 

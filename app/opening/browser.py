@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from app.session.loader import PICTURE_SUFFIXES, is_flight
+from app.opening.files import PICTURE_SUFFIXES, is_flight
 
 TERRAIN_SUFFIXES = (
     ".tif", ".tiff", ".hgt", ".asc", ".dem", ".dt0", ".dt1", ".dt2", ".bil", ".flt", ".img", ".adf", ".vrt", ".nc",

@@ -8,45 +8,26 @@ from __future__ import annotations
 
 import argparse
 import contextvars
-import os
 import threading
 import time
-import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.opening.drawing import Drawing, open_terrain
+from app.opening.drawing import Drawing
+from app.opening.files import Loaded, is_flight, read_all, read_terrain
 from app.session.jobs import Job, Jobs
-from terrain.encodings import detect
 from terrain.errors import InputError
 from terrain.flight import read_flight
 from terrain.flight.track_files import TRACK_SUFFIXES
-from terrain.heightfield import Heightfield
-from terrain.progress import Cancelled, listening, tell
+from terrain.progress import Cancelled, listening
 
 if TYPE_CHECKING:
     from app.session.session import Session
 
-FLIGHT_SUFFIX = ".json"
-PICTURE_SUFFIXES = (".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".jp2")
 WATCH_S = 1.0
 CLOSE_S = 5.0
-_SAMPLED_TEXELS = 256
 _UNUSABLE = (InputError, MemoryError, RuntimeError, ValueError)
-
-
-@dataclass
-class Loaded:
-    """What a worker has read: a terrain, an image over it, or both."""
-
-    source: argparse.Namespace | None = None
-    heightfield: Heightfield | None = None
-    image: Any = None
-    image_path: Path = Path()
-    is_reload: bool = False
-    flights: Sequence[Path] = ()
 
 
 class _Job:
@@ -87,7 +68,7 @@ class Loader:
     Parameters
     ----------
     source : argparse.Namespace, optional
-        What the present terrain was read from, as `app.opening.drawing.open_terrain` takes it.
+        What the present terrain was read from, as `app.opening.terrain.open_terrain` takes it.
 
     Attributes
     ----------
@@ -124,7 +105,7 @@ class Loader:
         present = session.heightfield
 
         def start() -> None:
-            self._start(session, others[0].name, lambda: _read_all(others, present, as_terrain, flights))
+            self._start(session, others[0].name, lambda: read_all(others, present, as_terrain, flights))
 
         session.dialogs.unless_unsaved(f"open {others[0].name}", start)
 
@@ -134,7 +115,7 @@ class Loader:
         if source is None or self._watched is None:
             session.say("This terrain comes from no file that could be read again.")
             return
-        self._start(session, self._watched.name, lambda: Loaded(source, _read_terrain(source), is_reload=True))
+        self._start(session, self._watched.name, lambda: Loaded(source, read_terrain(source), is_reload=True))
 
     def remember(self, session: Session) -> None:
         """Put the file of the present terrain first among those opened lately."""
@@ -214,11 +195,6 @@ class Loader:
         self._changed = stamp
 
 
-def is_flight(path: Path) -> bool:
-    """Whether a name is that of a flight or a track."""
-    return path.suffix.lower() in (FLIGHT_SUFFIX, *TRACK_SUFFIXES)
-
-
 def open_flight(session: Session, path: Path) -> None:
     """Show the flight of a file; of a track first ask how it is to be flown."""
     if path.suffix.lower() in TRACK_SUFFIXES:
@@ -234,58 +210,6 @@ def open_flight(session: Session, path: Path) -> None:
             session.say(f"{path.name}: a flight of {session.flights.duration_s:.0f} s; P plays it.")
 
     session.dialogs.unless_unsaved("open another flight", show)
-
-
-def _read_all(paths: Sequence[Path], present: Heightfield, as_terrain: bool, flights: Sequence[Path]) -> Loaded:
-    """Read what was dropped or chosen: the terrain first, then an image for it."""
-    pictures = [path for path in paths if not as_terrain and _is_picture(path)]
-    terrains = [path for path in paths if path not in pictures]
-    if len(terrains) > 1 or len(pictures) > 1:
-        raise InputError(f"Expected one terrain and one image at most, found {', '.join(path.name for path in paths)}.")
-    loaded = Loaded(flights=flights)
-    terrain = present
-    if terrains:
-        loaded.source = argparse.Namespace(
-            terrain=str(terrains[0]), encoding=None, raw=None, spacing=None, height_scale=1.0
-        )
-        loaded.heightfield = terrain = _read_terrain(loaded.source)
-    if pictures:
-        from terrain.textures.image_source import ImageSource
-
-        tell("reading the image")
-        loaded.image, loaded.image_path = ImageSource(pictures[0], terrain), pictures[0]
-    return loaded
-
-
-def _read_terrain(source: argparse.Namespace) -> Heightfield:
-    """A terrain with its bounds, which go into the cache: the window finds them there."""
-    from terrain.scene import open_scene
-
-    heightfield = open_terrain(source)
-    open_scene(heightfield)
-    return heightfield
-
-
-def _is_picture(path: Path) -> bool:
-    """Whether a file is a picture for the eye: of an image format, or of colours that do not encode heights."""
-    suffix = path.suffix.lower()
-    if suffix in PICTURE_SUFFIXES:
-        return True
-    if suffix not in (".png", ".tif", ".tiff"):
-        return False
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(os.path.abspath(path)) as file:
-                if file.count < 3 or file.dtypes[0] != "uint8":
-                    return False
-                shape = (3, min(file.height, _SAMPLED_TEXELS), min(file.width, _SAMPLED_TEXELS))
-                return detect(*file.read([1, 2, 3], out_shape=shape)) is None
-    except rasterio.errors.RasterioError:
-        return False
 
 
 def _changed_over(old: Session, loaded: Loaded) -> Session:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from app.__main__ import main
-from app.session.layers import parse_layer, read_layers
+from app.opening.layers import parse_layer, read_layers
 from terrain.errors import InputError
 from terrain.textures.layers import Key
 
