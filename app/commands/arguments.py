@@ -167,3 +167,21 @@ def add_drawing_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--duration", metavar="S", type=positive, help="how long a track is flown, instead of its times")
     group.add_argument("--size", metavar="WxH", type=size, help="size of the picture in pixels")
+
+
+def add_settings_help(parser: argparse.ArgumentParser) -> None:
+    """Give ``--help`` the settings of every algorithm and of the look; nothing is imported before it is asked for."""
+
+    def epilog() -> str:
+        from app.opening.settings import settings_table
+        from terrain.renderers import RENDERERS
+        from terrain.textures.look import LookSettings
+
+        tables = [
+            settings_table(kind.Settings(), f"--set for {name} ({kind.title})") for name, kind in RENDERERS.items()
+        ]
+        return "\n\n".join([*tables, settings_table(LookSettings(), "--set for the look")])
+
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    show = parser.format_help
+    parser.format_help = lambda: f"{show()}\n{epilog()}\n"  # type: ignore[method-assign]

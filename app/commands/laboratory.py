@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from app.commands import arguments
+from app.commands.progress import progress_bar
 from app.opening.terrain import open_terrain
 from terrain.errors import InputError
-from terrain.progress import listening
 
 CHART_SIZE_PX, CHART_FRAMES, CHART_TOLERANCES_PX = (1280, 720), 60, [0.5, 1.0, 2.0, 4.0, 8.0]
 HOSTILE = "hostile"  # what `check` takes where no terrain is named: the scenes made to break things
@@ -44,7 +43,7 @@ def chart(args: argparse.Namespace) -> int | None:
     try:
         runs = plan_runs(names, args.tolerances)
         sweep = Sweep(stage, runs, views, args.size or CHART_SIZE_PX, flight.name, args.out)
-        with _progress_bar() as show:
+        with progress_bar() as show:
             try:
                 for step in sweep.steps():
                     show(step.share, step.doing)
@@ -106,7 +105,7 @@ def reproduce(args: argparse.Namespace) -> None:
     from terrain.measure.reproduce import format_table
     from terrain.measure.reproduce import reproduce as run
 
-    with _progress_bar() as show:
+    with progress_bar() as show:
         found, paths = run(args.algorithm, create_offscreen_gpu(), args.out, show)
     for table in found.tables:
         print(f"{format_table(table)}\n")
@@ -160,35 +159,6 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"Expected a folder to write to, found that {folder} cannot be made ({error}).") from None
-
-
-@contextmanager
-def told_progress() -> Iterator[None]:
-    """A bar for what is told in the block; nothing where nobody looks."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    with _progress_bar() as show, listening(lambda doing, share: show(share, doing)):
-        yield
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Any]:
-    """A bar on stderr with the time left; gives the function that moves it to a share and says what is done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    columns = (
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda share, doing: progress.update(task, completed=share, description=doing)
 
 
 def _summary(results: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""From what was typed to a terrain: a file or an embedded scene; and its demo flight."""
+"""From what was typed to a terrain: a file or an embedded scene."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from terrain.camera import Camera
 from terrain.errors import InputError
-from terrain.flight import Flight, Keyframe, demo_flight, make_flight, tour
 from terrain.heightfield import Heightfield
 
 SCENE_POSTS = 1025
@@ -66,23 +64,3 @@ def _embedded_scene(name: str, size: int, seed: int) -> Heightfield:
         arrays = {"heights_m": made.heights_m, "spacing_m": np.array(made.spacing_m), "name": np.array(made.name)}
         store_arrays("scene", digest.hexdigest(), arrays | {"notes": np.array(made.notes, np.str_)})
     return made
-
-
-def open_tour(heightfield: Heightfield) -> Flight:
-    """The terrain's demo flight, from the cache where it was found before: a start takes 0.3 s less.
-
-    The key holds the source code that finds it, so that no other version's tour is ever flown.
-    """
-    from terrain.cache import load_arrays, store_arrays
-
-    source = hashlib.sha256(Path(tour.__file__).read_bytes()).hexdigest()[:16]
-    kept = load_arrays("tours", f"{heightfield.sha256}-{source}")
-    if kept is not None:
-        keys = [Keyframe(t_s, Camera((x, y, z), *view)) for t_s, x, y, z, *view in kept["keyframes"].tolist()]
-        return make_flight(keys, str(kept["name"]), heightfield)
-    flight = demo_flight(heightfield)
-    cameras = [(key.t_s, key.camera) for key in flight.keyframes]
-    rows = [(t_s, *c.position_m, c.yaw_deg, c.pitch_deg, c.roll_deg, c.fov_deg) for t_s, c in cameras]
-    arrays = {"keyframes": np.array(rows, np.float64), "name": np.array(flight.name)}
-    store_arrays("tours", f"{heightfield.sha256}-{source}", arrays)
-    return flight

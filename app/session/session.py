@@ -18,7 +18,7 @@ from app.flying.controls import Inputs, Motion
 from app.flying.flight_lines import FlightLines
 from app.opening.browser import Browser
 from app.opening.drawing import Drawing, open_library, open_stage, without_waiting
-from app.opening.terrain import open_tour
+from app.opening.flight import open_tour
 from app.output.capture import save_png
 from app.places.framing import frame_terrain, ground_m
 from app.session.comparison import Comparison

@@ -127,7 +127,7 @@ def test_what_exists_is_not_overwritten(capsys, tmp_path):
 
 
 def test_view_without_a_display_says_so_and_films_the_flight(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.commands.table.TOUR_FRAMES", 3)
+    monkeypatch.setattr("app.commands.view.TOUR_FRAMES", 3)
     for number in (1, 2):
         assert run("waves:33", *SMALL) == 0
         said = capsys.readouterr().out
@@ -160,7 +160,7 @@ def test_keyboard_interrupt_is_one_line(capsys, monkeypatch):
     def interrupted(args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("app.commands.table.open_terrain", interrupted)
+    monkeypatch.setattr("app.commands.terrain.open_terrain", interrupted)
     assert run("info", "alps") == 130
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -7,7 +7,8 @@ import argparse
 import numpy as np
 import pytest
 
-from app.opening.terrain import open_terrain, open_tour
+from app.opening.flight import open_tour
+from app.opening.terrain import open_terrain
 from terrain import synthetic
 from terrain.flight import demo_flight
 
@@ -37,5 +38,5 @@ def test_a_tour_found_before_is_the_same_from_the_cache(hills, tmp_path, monkeyp
     monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
     found = open_tour(hills)
     assert found == demo_flight(hills)
-    monkeypatch.setattr("app.opening.terrain.demo_flight", None)
+    monkeypatch.setattr("app.opening.flight.demo_flight", None)
     assert open_tour(hills) == found
