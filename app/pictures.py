@@ -99,7 +99,7 @@ class OffscreenWindow:
 
 def draw_halves(session: Session, algorithm: str, size_px: tuple[int, int]) -> Picture:
     """An algorithm's picture on the left, and what its debug view shows of it on the right."""
-    session.choose_algorithm(algorithm)
+    session.algorithms.choose(algorithm)
     stage, camera = session.stage, _closer(session.heightfield, size_px[0] / size_px[1])
     stage.draws_legends = False
     stage.set_look(replace(stage.look, fog=False))  # seen from so far away
@@ -133,7 +133,7 @@ def measure(session: Session) -> dict[str, Any]:
 
 def draw_window(session: Session, size_px: tuple[int, int]) -> Picture:
     """The window with the laboratory open."""
-    session.show_window("laboratory")
+    session.layout.show("laboratory")
     session.look_from(session.flights.camera_at(AT_S))
     session.say("")
     with OffscreenWindow(session, size_px) as window:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from app.session.jobs import Job
+from app.session.jobs import FAILURES, Job, reason
 from terrain.camera import Camera
-from terrain.errors import InputError
 from terrain.flight import numbered_path
 from terrain.measure.accuracy import AccuracyMeter, Pool
 from terrain.measure.fair import Tuned, best_for_error, best_for_time, equal_error, equal_time, is_measured, settings_of
@@ -104,7 +103,7 @@ class Experiments:
     @property
     def wants_work(self) -> bool:
         """Whether `work` would have something to do, now or soon."""
-        return self.is_busy or (self._session.is_open("laboratory") and self._measured_key != self._key)
+        return self.is_busy or (self._session.layout.is_open("laboratory") and self._measured_key != self._key)
 
     def work(self) -> None:
         """Run steps of the task until its time is over; without a task measure the picture now and then."""
@@ -121,9 +120,9 @@ class Experiments:
                 self.share = next(self._task)
         except StopIteration:
             self._end()
-        except (InputError, MemoryError, RuntimeError, ValueError) as error:
+        except FAILURES as error:
             self._end()
-            self._session.say(f"The measurement stopped: {error or type(error).__name__}.")
+            self._session.say(f"The measurement stopped: {reason(error)}.")
         finally:
             stage.frozen = frozen
             if self._job is not None:
@@ -179,7 +178,7 @@ class Experiments:
 
     def choose_run(self, run: Mapping[str, Any]) -> None:
         """Draw with the algorithm and settings of a run."""
-        self._session.use(run["algorithm"], settings_of(run))
+        self._session.algorithms.use(run["algorithm"], settings_of(run))
 
     def save(self, folder: Path) -> None:
         """Write the results measured so far into a new folder."""
@@ -220,17 +219,17 @@ class Experiments:
 
     def _tune(self, method: Any, wanted: float, unit: str) -> Steps:
         session = self._session
-        own = {name: session.settings_for(name) for name in self._chosen_names()}
+        own = {name: session.algorithms.settings_for(name) for name in self._chosen_names()}
         views = [(0.0, session.camera), *self._flight_views(FAIR_FRAMES)]
-        session.tuned, told = {}, []
+        session.algorithms.tuned, told = {}, []
         for found in method(session.stage, own, views, self._size_px, wanted):
             if isinstance(found, Tuned):
-                session.tuned[found.algorithm] = found.settings
+                session.algorithms.tuned[found.algorithm] = found.settings
                 reach = "" if found.is_reached else f" (delivers {found.figure:.2g} {unit})"
                 told.append(f"{found.algorithm} {found.settings.tolerance_px:.2f} px{reach}")
             yield len(told) / len(own)
-        if session.algorithm in session.tuned:
-            session.use(session.algorithm, session.tuned[session.algorithm])
+        if session.algorithm in session.algorithms.tuned:
+            session.algorithms.use(session.algorithm, session.algorithms.tuned[session.algorithm])
         session.say(f"{wanted:.3g} {unit} each, by tolerances: {', '.join(told)}.")
 
     def _meter(self) -> Steps:

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 from app.output.capture import CODECS, open_sink
 from app.output.rendering import draw_slowly, flight_times, save_slowly
 from app.output.whereabouts import is_straight_down, straightened, world_file_path
-from app.session.jobs import Job
-from terrain.errors import InputError
+from app.session.jobs import FAILURES, Job, reason
 from terrain.flight import numbered_path
 from terrain.settings import setting
 
@@ -111,9 +110,9 @@ class Exporter:
                 self.job.name = f"Exporting {self._path.name}, {left_s:.0f} s left,"
         except StopIteration:
             self._end()
-        except (InputError, MemoryError, RuntimeError, ValueError, OSError) as error:
+        except (*FAILURES, OSError) as error:
             self._end()
-            session.say(f"The export stopped: {error or type(error).__name__}")
+            session.say(f"The export stopped: {reason(error)}")
 
     def cancel(self) -> None:
         """Stop; a film or frames keep what is done."""
@@ -137,14 +136,12 @@ class Exporter:
         flights = session.flights
         times_s = flight_times(flights.duration_s, order.frames or None, order.fps)
         cameras = [flights.camera_at(t) for t in times_s]
-        view, size_px, animates = session.view, (order.width_px, order.height_px), session.layers.is_playing
+        view, size_px = session.view, (order.width_px, order.height_px)
         animates = session.layers.is_playing  # as in the window: from the first key frame to the last
         with ExitStack() as stack:
             stage = stack.enter_context(session.twin_stage())
             sink = stack.enter_context(open_sink(path, size_px, order.fps, codec=order.codec))
             for number, (camera, time_s) in enumerate(zip(cameras, times_s, strict=True)):
-                if animates:
-                    stage.animate_layers(number / max(len(times_s) - 1, 1))
                 if animates:
                     stage.animate_layers(number / max(len(times_s) - 1, 1))
                 picture = yield from self._drawn(stage, camera, size_px, view, time_s, number / len(times_s))

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from terrain.errors import InputError
+
+# What work that cannot be done raises: bad input, too little memory, what a driver or an array library refuses.
+FAILURES = (InputError, MemoryError, RuntimeError, ValueError)
+
 
 @dataclass(eq=False)
 class Job:
@@ -74,3 +79,8 @@ class Jobs:
 
     def __len__(self) -> int:
         return len(self._running)
+
+
+def reason(error: Exception) -> str:
+    """Why something could not be done, in words; not all that fails says so itself."""
+    return str(error) or ("too little memory" if isinstance(error, MemoryError) else type(error).__name__)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.opening.drawing import Drawing
 from app.opening.files import Loaded, is_flight, read_all, read_terrain
-from app.session.jobs import Job, Jobs
+from app.session.jobs import FAILURES, Job, Jobs, reason
 from terrain.errors import InputError
 from terrain.flight import read_flight
 from terrain.flight.track_files import TRACK_SUFFIXES
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 WATCH_S = 1.0
 CLOSE_S = 5.0
-_UNUSABLE = (InputError, MemoryError, RuntimeError, ValueError)
 
 
 class _Job:
@@ -153,8 +152,8 @@ class Loader:
         if loaded.heightfield is not None:
             try:
                 session = _changed_over(session, loaded)
-            except _UNUSABLE as error:
-                session.say(f"{name} cannot be shown: {error or type(error).__name__}")
+            except FAILURES as error:
+                session.say(f"{name} cannot be shown: {reason(error)}")
                 return session
             session.loader = self
             self._watch(loaded.source)

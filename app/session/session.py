@@ -21,13 +21,15 @@ from app.opening.drawing import Drawing, open_library, open_stage, without_waiti
 from app.opening.flight import open_tour
 from app.output.capture import save_png
 from app.places.framing import frame_terrain, ground_m
+from app.session.algorithms import Algorithms
 from app.session.comparison import Comparison
 from app.session.dialogs import Dialogs
 from app.session.experiments import Experiments
 from app.session.exporter import Exporter
 from app.session.flights import Flights
-from app.session.jobs import Jobs
+from app.session.jobs import FAILURES, Jobs
 from app.session.layers import Layers
+from app.session.layout import Layout
 from app.session.loader import Loader
 from app.session.navigation import Navigation
 from app.session.places import Places
@@ -41,7 +43,6 @@ from terrain.gpu.context import Gpu
 from terrain.gpu.programs import ShaderError
 from terrain.gpu.targets import Target, create_target
 from terrain.heightfield import Heightfield
-from terrain.renderers import RENDERERS
 from terrain.scene import Scene
 from terrain.stage import Stage
 from terrain.views import VIEWS
@@ -49,9 +50,7 @@ from terrain.views import VIEWS
 SETTLE_S = 1.5
 MESSAGE_S = 8.0
 GRAPH_FRAMES = 240
-LARGE_POSTS = 3_000_000  # from here on preparing an algorithm may take seconds
 BAKE_BUDGET_MS = 6.0  # of a frame, for light that is baked anew while the sun moves
-_UNUSABLE = (InputError, MemoryError, RuntimeError, ValueError)  # what a renderer that cannot be made raises
 
 
 class Session:
@@ -80,12 +79,9 @@ class Session:
         self.preferences = PreferenceFile() if preferences is None else preferences
         drawing = replace(drawing, settings=without_waiting(drawing.settings))
         library = open_library(drawing, heightfield)
-        self.stage: Stage = open_stage(gpu, heightfield, drawing, library)
-        self.stage.bake_budget_ms = BAKE_BUDGET_MS
-        self.stage.draws_legends = False  # the window has its own
+        self._set_stage(open_stage(gpu, heightfield, drawing, library))
         self.view: Any = drawing.view
-        self._settings = {name: without_waiting(kind.Settings()) for name, kind in RENDERERS.items()}
-        self._settings[drawing.algorithm] = drawing.settings
+        self.algorithms = Algorithms(self, drawing)
         flight = open_tour(heightfield) if flight is None else flight.relocated(heightfield)
         self.layers = Layers(self, library, drawing.layers)
         self.flights = Flights(self, flight, self.preferences.folder)
@@ -98,10 +94,7 @@ class Session:
         self.picture: Target | None = None
         self.clock_s = 0.0
         self.jobs = Jobs()
-        self.shows_help = False
-        self.shows_windows = True
-        self.open_windows = dict(self.preferences.current.open_windows)
-        self.wants_first_layout, self.raised_window = False, ""
+        self.layout = Layout(self)
         self.comparison = Comparison()
         self.experiments = Experiments(self)
         self.exporter = Exporter(self)
@@ -109,7 +102,6 @@ class Session:
         self.loader = Loader()
         self.browser = Browser(folder)
         self._flight_lines = FlightLines()
-        self.tuned: dict[str, Any] = {}  # settings that make algorithms equal, while they hold
         self.is_leaving = False
         self._message, self._message_until_s = "", 0.0
         self._changed_s = 0.0
@@ -206,7 +198,7 @@ class Session:
         except ShaderError as error:  # only where shaders are being changed (--dev)
             self.say(str(error))
             return
-        if self.is_open("timeline"):
+        if self.layout.is_open("timeline"):
             self._flight_lines.draw(self.stage, frame, self.flights.flight, self.flights.timeline.selected)
         self.survey.draw(frame, self.stage.lines)
         for message in self.stage.trees.take_messages():
@@ -217,48 +209,11 @@ class Session:
         self.stats.frame_ms = self.stats.gpu_ms or self.frame_ms[-1]  # what a time budget goes by
         try:
             self.comparison.draw(self.stage, frame, self.picture, self.view)
-        except _UNUSABLE as error:
+        except FAILURES as error:
             self.comparison.mode = "off"
-            self.say(f"{RENDERERS[self.comparison.algorithm].title} cannot be used here: {error or 'too large'}.")
+            self.algorithms.refuse(self.comparison.algorithm, error)
 
     # What keys and widgets do
-
-    def choose_algorithm(self, name: str) -> None:
-        """Switch; the tolerance goes along, other settings are remembered for each algorithm."""
-        if self.heightfield.heights_m.size < LARGE_POSTS:
-            self._switch(name)
-        elif name != self.algorithm:
-            self.jobs.announce(f"Preparing {RENDERERS[name].title}", lambda: self._switch(name))
-
-    def _switch(self, name: str) -> None:
-        if name != self.algorithm and self.use(name, self.tuned.get(name) or self.settings_for(name)):
-            self.say(f"{RENDERERS[name].title}. {RENDERERS[name].source}")
-
-    def settings_for(self, name: str) -> Any:
-        """What an algorithm would draw with now: its own settings, at the current tolerance."""
-        own = self.settings if name == self.algorithm else self._settings[name]
-        return replace(own, tolerance_px=self.settings.tolerance_px)
-
-    def use(self, name: str, settings: Any) -> bool:
-        """Draw with an algorithm and all its settings; whether that could be done."""
-        self._settings[self.algorithm] = self.settings
-        return self._set_renderer(name, settings)
-
-    def change_settings(self, settings: Any) -> None:
-        """Give the current algorithm other settings; another tolerance ends what tuning made equal."""
-        if settings.tolerance_px != self.settings.tolerance_px:
-            self.tuned = {}
-        self._set_renderer(self.algorithm, settings)
-
-    def _set_renderer(self, name: str, settings: Any) -> bool:
-        """Whether it could be made; otherwise the old one stays, and the reason is shown."""
-        try:
-            self.stage.set_renderer(name, settings)
-        except _UNUSABLE as error:
-            self.say(f"{RENDERERS[name].title} cannot be used here: {error or type(error).__name__}.")
-            return False
-        self.touch()
-        return True
 
     def change_look(self, look: Any) -> None:
         self.stage.set_look(look)
@@ -279,16 +234,20 @@ class Session:
         self.experiments.close()
         self.experiments = Experiments(self)  # what was measured holds no longer
         self.comparison.release()
-        self.tuned = {}
+        self.algorithms.tuned = {}
         old.release()
-        self.stage = self._make_stage(scene, algorithm, settings, look)
-        self.stage.bake_budget_ms = BAKE_BUDGET_MS
-        self.stage.draws_legends = False  # the window has its own
+        self._set_stage(self._make_stage(scene, algorithm, settings, look))
         x, _, z = self.camera.position_m
         self.camera = replace(self.camera, position_m=(x, ground_m(self.heightfield, x, z) + before, z))
         if frozen and size_px is not None:
             self.stage.freeze(self.stage.frame(self.camera, size_px, self.clock_s))
         self.touch()
+
+    def _set_stage(self, stage: Stage) -> None:
+        """Draw on a stage from now on."""
+        self.stage = stage
+        stage.bake_budget_ms = BAKE_BUDGET_MS
+        stage.draws_legends = False  # the window has its own
 
     def _make_stage(self, scene: Scene, algorithm: str, settings: Any, look: Any) -> Stage:
         stage = Stage(self.gpu, scene, algorithm, settings, look)
@@ -328,9 +287,6 @@ class Session:
         path = numbered_path(self.folder / f"{self.heightfield.name}.png")
         self._save(lambda: save_png(path, picture), f"Saved the picture as {path}.")
 
-    def toggle_help(self) -> None:
-        self.shows_help = not self.shows_help
-
     def reload_shaders(self) -> None:
         """Compile anew what changed on disk; a broken shader keeps its old program, and the window says why."""
         programs = self.gpu.programs
@@ -338,29 +294,6 @@ class Session:
         programs.reload_changed()
         if (programs.generation, len(programs.errors)) != before:
             self.touch()
-
-    def is_open(self, window: str) -> bool:
-        """Whether a window of `app.windows.table` is open, and windows are shown."""
-        return self.shows_windows and self.open_windows.get(window, False)
-
-    def show_window(self, name: str, is_open: bool = True) -> None:
-        """Open or close a window, also in the next run."""
-        self.shows_windows = True
-        self.open_windows[name] = is_open
-        if is_open:
-            self.raised_window = name
-        self.preferences.change(open_windows=dict(self.open_windows))
-
-    def toggle_window(self, name: str) -> None:
-        self.show_window(name, not self.is_open(name))
-
-    def toggle_windows(self) -> None:
-        """Hide all windows, so that only the picture is left, or show them again."""
-        self.shows_windows = not self.shows_windows
-
-    def reset_layout(self) -> None:
-        """Put all windows back where they were at first."""
-        self.shows_windows = self.wants_first_layout = True
 
     def compare(self, mode: Any) -> None:
         """Show B beside A, the difference of the two, or A alone."""
@@ -375,13 +308,13 @@ class Session:
     def swap_sides(self) -> None:
         """A becomes B and B becomes A."""
         a, b = (self.algorithm, self.settings), (self.comparison.algorithm, self.comparison.settings)
-        if self.use(*b):
+        if self.algorithms.use(*b):
             self.choose_other(*a)
 
     def escape(self) -> None:
         """Close the help, or stop what runs."""
-        if self.shows_help:
-            self.shows_help = False
+        if self.layout.shows_help:
+            self.layout.shows_help = False
         elif self.flights.is_playing:
             self.flights.pause("Paused; P plays on.")
         elif not self.jobs.stop_newest():
@@ -396,7 +329,7 @@ class Session:
 
     def take_over(self, old: Session, same_place: bool) -> None:
         """Go on as another session was set; with ``same_place`` also where it was, with its flight."""
-        self.shows_windows, self.browser = old.shows_windows, old.browser
+        self.layout.shows_windows, self.browser = old.layout.shows_windows, old.browser
         self.flights.take_over(old.flights, same_place)
         self.navigation.take_over(old.navigation)
         if same_place:

@@ -122,7 +122,7 @@ class Survey:
         """Pick the point below a place in the picture and show it, or none where there is no ground."""
         self.pick_at(self._spot_under(pointer))
         if self.spot_m is not None:
-            self._session.show_window(WINDOW)
+            self._session.layout.show(WINDOW)
 
     def pick_at(self, spot_m: Spot | None) -> None:
         """Pick a place of the terrain, or none."""
@@ -155,7 +155,7 @@ class Survey:
             diagonal = self._session.stage.renderer.diagonal
             first, second = (np.array(end) for end in self.ends_m)
             self.profile = profile_between(self._session.heightfield, first, second, diagonal)
-            self._session.show_window(WINDOW)
+            self._session.layout.show(WINDOW)
         self._session.touch()
 
     # What keys and widgets do

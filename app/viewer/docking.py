@@ -38,19 +38,19 @@ class Rectangle(NamedTuple):
 
 def draw_windows(session: Session) -> None:
     """The dock space and all open windows."""
-    if session.wants_first_layout or imgui.internal.dock_builder_get_node(DOCK_SPACE) is None:
-        session.wants_first_layout = False
+    if session.layout.wants_first or imgui.internal.dock_builder_get_node(DOCK_SPACE) is None:
+        session.layout.wants_first = False
         _build_layout()
     imgui.dock_space_over_viewport(DOCK_SPACE, None, imgui.DockNodeFlags_.passthru_central_node)
     floating = [window.name for window in WINDOWS if window.side == "float"]
     for window in WINDOWS:
-        if session.open_windows.setdefault(window.name, window.is_open):
+        if session.layout.open.setdefault(window.name, window.is_open):
             _draw_window(session, window, floating.index(window.name) if window.name in floating else 0)
 
 
 def free_rectangle(session: Session) -> Rectangle:
     """The part of the window that no docked window covers."""
-    node = imgui.internal.dock_builder_get_central_node(DOCK_SPACE) if session.shows_windows else None
+    node = imgui.internal.dock_builder_get_central_node(DOCK_SPACE) if session.layout.shows_windows else None
     if node is None:
         return Rectangle(0.0, 0.0, *imgui.get_io().display_size)
     return Rectangle(*node.pos, *node.size)
@@ -91,12 +91,12 @@ def _draw_window(session: Session, window: Window, number: int) -> None:
     with imgui_ctx.begin(window.title, True, imgui.WindowFlags_.no_focus_on_appearing) as shown:
         if shown.expanded:
             window.draw(session)
-    if session.raised_window == window.name:
+    if session.layout.raised == window.name:
         _raise_tab(window.title)
         if shown.expanded:  # it was drawn, and knew that it is asked for
-            session.raised_window = ""
+            session.layout.raised = ""
     if not shown.opened:
-        session.show_window(window.name, False)
+        session.layout.show(window.name, False)
 
 
 def _raise_tab(title: str) -> None:

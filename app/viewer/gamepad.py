@@ -51,7 +51,7 @@ ACTS: tuple[PadAct, ...] = (
     PadAct(X, "X", "let the ground stop you, or not", lambda session: session.navigation.toggle_collision()),
     PadAct(Y, "Y", "fly, orbit or walk: the next", lambda session: session.navigation.next_mode()),
     PadAct(LEFT_BUMPER, "left bumper", "fly to the next bookmark", lambda session: session.places.visit_next()),
-    PadAct(BACK, "back", "show or hide the help", Session.toggle_help),
+    PadAct(BACK, "back", "show or hide the help", lambda session: session.layout.toggle_help()),
     PadAct(START, "start", "frame the whole terrain", Session.frame_all),
 )
 

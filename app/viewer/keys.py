@@ -94,10 +94,11 @@ _ACTS = (
     Binding("Ctrl+Y", "do it again", lambda session: session.flights.redo(), "Flight"),
     Binding("Ctrl+S", "save the flight", lambda session: session.flights.save(), "Flight"),
     Binding("", "save the flight as KML, for Google Earth", lambda session: session.flights.save_kml(), "Flight"),
-    Binding("Ctrl+T", "hide or show all windows", Session.toggle_windows, "Windows",
-            lambda session: not session.shows_windows),
-    Binding("", "bring all windows back to their places", Session.reset_layout, "Windows"),
-    Binding("H", "show or hide this help", Session.toggle_help, "Help", lambda session: session.shows_help),
+    Binding("Ctrl+T", "hide or show all windows", lambda session: session.layout.toggle_windows(), "Windows",
+            lambda session: not session.layout.shows_windows),
+    Binding("", "bring all windows back to their places", lambda session: session.layout.reset(), "Windows"),
+    Binding("H", "show or hide this help", lambda session: session.layout.toggle_help(), "Help",
+            lambda session: session.layout.shows_help),
     Binding("Escape", "close, pause or stop what is on", Session.escape, "Help"),
 )  # fmt: skip
 
@@ -115,7 +116,7 @@ def bindings() -> tuple[Binding, ...]:
         if number <= 9
     ]
     windows = [
-        Binding(window.key, f"show or hide the {window.about}", partial(Session.toggle_window, name=window.name))
+        Binding(window.key, f"show or hide the {window.about}", partial(_toggle_window, name=window.name))
         for window in WINDOWS
         if window.key
     ]
@@ -123,11 +124,15 @@ def bindings() -> tuple[Binding, ...]:
 
 
 def _choose_algorithm(session: Session, name: str) -> None:
-    session.choose_algorithm(name)
+    session.algorithms.choose(name)
 
 
 def _choose_view(session: Session, view: str) -> None:
     session.choose_view(view)
+
+
+def _toggle_window(session: Session, name: str) -> None:
+    session.layout.toggle(name)
 
 
 def _draws(session: Session, name: str) -> bool:

@@ -37,9 +37,9 @@ def _focus_menu() -> None:
 def _draw_items(session: Session, title: str) -> None:
     if title == "Windows":
         for window in WINDOWS:
-            is_open = session.is_open(window.name)
+            is_open = session.layout.is_open(window.name)
             if imgui.menu_item(window.title, window.key, is_open)[0]:
-                session.show_window(window.name, not is_open)
+                session.layout.show(window.name, not is_open)
         imgui.separator()
     for binding in bindings():
         if binding.menu != title:

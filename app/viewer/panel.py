@@ -34,19 +34,19 @@ class Panel:
     def draw(self, session: Session) -> None:
         """All of one frame."""
         lines = status_lines(session)
-        if session.shows_windows:
+        if session.layout.shows_windows:
             draw_menu(session)
-        if session.shows_windows or lines:
+        if session.layout.shows_windows or lines:
             _draw_status(session, lines)
         if session.comparison.mode == "split":
             draw_divider(session)
-        if session.shows_windows:
+        if session.layout.shows_windows:
             draw_windows(session)
             draw_overlay(session)
         if session.gpu.programs.errors:
             _draw_shader_errors(session.gpu.programs.errors)
         draw_questions(session)
-        if session.shows_help:
+        if session.layout.shows_help:
             _draw_help(session)
         if session.preferences.problem:
             session.say(session.preferences.problem)

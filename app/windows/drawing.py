@@ -33,13 +33,13 @@ def _draw_algorithm(session: Session, form: Form) -> None:
     titles = [kind.title for kind in RENDERERS.values()]
     chosen = form.combo("Algorithm", names.index(session.algorithm), titles, RENDERERS[session.algorithm].source)
     if names[chosen] != session.algorithm:
-        session.choose_algorithm(names[chosen])
+        session.algorithms.choose(names[chosen])
     first, *own = dataclasses.fields(session.settings)
     changed = form.edit(session.settings, [first])
     if own and imgui.collapsing_header("Settings of this algorithm"):
         changed = form.edit(changed, own)
     if changed != session.settings:
-        session.change_settings(changed)
+        session.algorithms.change_settings(changed)
 
 
 def _draw_view(session: Session, form: Form) -> None:
@@ -58,8 +58,8 @@ def _draw_view(session: Session, form: Form) -> None:
         ("Pause" if flights.is_playing else "Play", flights.toggle_playing, "Play the flight (P)."),
         ("Picture", session.take_screenshot, "Save the picture as PNG (F12)."),
         ("Home", session.frame_all, "Look at the whole terrain (Home)."),
-        ("Lab", lambda: session.toggle_window("laboratory"), "The laboratory: measure, compare, tune (L)."),
-        ("Keys", session.toggle_help, "All keys (H)."),
+        ("Lab", lambda: session.layout.toggle("laboratory"), "The laboratory: measure, compare, tune (L)."),
+        ("Keys", session.layout.toggle_help, "All keys (H)."),
     ):
         button(title, told, act)
         imgui.same_line()

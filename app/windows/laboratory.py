@@ -116,9 +116,9 @@ def _draw_fair(session: Session) -> None:
         told = f"Switch to the best algorithm and setting measured for this {what}."
         button(f"Best for me##{what}", told, lambda by_time=by_time: lab.choose_best(by_time=by_time))  # type: ignore[misc]
     imgui.end_disabled()
-    if session.tuned:
+    if session.algorithms.tuned:
         imgui.push_text_wrap_pos(0.0)
-        told = ", ".join(f"{_short(n)} {s.tolerance_px:.2f}" for n, s in session.tuned.items())
+        told = ", ".join(f"{_short(n)} {s.tolerance_px:.2f}" for n, s in session.algorithms.tuned.items())
         imgui.text_disabled(f"tolerances [px]: {told}")
         imgui.pop_text_wrap_pos()
 

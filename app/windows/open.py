@@ -51,7 +51,7 @@ def draw_open(session: Session) -> None:
 def _choose(session: Session, text: str) -> None:
     path = session.browser.go(text)
     if path is not None:
-        session.show_window("open", False)
+        session.layout.show("open", False)
         session.loader.open(session, [path], session.browser.as_terrain)
 
 

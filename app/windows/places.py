@@ -47,7 +47,7 @@ def _draw_go_to(session: Session) -> None:
     places.system = systems[chosen]
     imgui.set_next_item_width(-4.0 * imgui.get_font_size())
     hint = f"such as {EXAMPLES[places.system]}"
-    if session.raised_window == "places":
+    if session.layout.raised == "places":
         imgui.set_keyboard_focus_here()  # G, then a coordinate, then Enter
     entered, places.typed = imgui.input_text_with_hint(
         "##Coordinate", hint, places.typed, imgui.InputTextFlags_.enter_returns_true

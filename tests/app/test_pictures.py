@@ -11,7 +11,7 @@ from terrain.renderers import RENDERERS
 
 
 def test_the_window_is_drawn_without_a_window(session):
-    session.show_window("laboratory")
+    session.layout.show("laboratory")
     with OffscreenWindow(session, (640, 360)) as window:
         for _ in range(3):
             window.frame()

@@ -72,7 +72,9 @@ def test_the_window_plays_what_is_exported(session, film, tmp_path, pace):
 def test_animated_and_budgeted_settings_are_exported_in_full_detail(session, film, tmp_path):
     plain = dataclasses.replace(session.settings)
     film(kind="frames")
-    session.change_settings(dataclasses.replace(plain, driver="time", budget="triangles", budget_triangles=1000))
+    session.algorithms.change_settings(
+        dataclasses.replace(plain, driver="time", budget="triangles", budget_triangles=1000)
+    )
     session.draw(SIZE)
     film(kind="frames")
     one, other = (frames_in(tmp_path / f"hills-frames-{number}") for number in (1, 2))
@@ -118,7 +120,7 @@ def test_the_window_may_be_changed_while_it_exports(session, film, tmp_path):
     for number in range(40):
         session.exporter.work()
         if number == 1:
-            session.choose_algorithm("reference")
+            session.algorithms.choose("reference")
             session.exaggerate(3.0)
             session.flights.start_anew()
         session.draw((48, 27))

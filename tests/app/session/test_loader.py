@@ -48,7 +48,7 @@ def waves(tmp_path):
 
 
 def test_another_terrain_is_shown_as_the_old_one_was(session, opened, waves):
-    session.choose_algorithm("painter")
+    session.algorithms.choose("painter")
     session.choose_view("levels")
     session.flights.pace, session.flights.loops = "eased", True
     session.loader.open(session, [waves])

@@ -106,10 +106,10 @@ def test_frozen_selection_draws_the_same_triangles_from_elsewhere(session):
 def test_settings_of_each_algorithm_are_remembered(session):
     first = session.algorithm
     changed = dataclasses.replace(session.settings, tolerance_px=2.5)
-    session.change_settings(changed)
-    session.choose_algorithm("reference")
+    session.algorithms.change_settings(changed)
+    session.algorithms.choose("reference")
     assert session.settings.tolerance_px == 2.5
-    session.choose_algorithm(first)
+    session.algorithms.choose(first)
     assert session.settings == changed
 
 
@@ -167,7 +167,7 @@ def test_a_preview_is_shown_while_a_tree_is_built(session, monkeypatch):
         return load_tree(*arguments)
 
     monkeypatch.setattr(multiresolution, "load_tree", load)
-    session.choose_algorithm("multiresolution")
+    session.algorithms.choose("multiresolution")
     session.draw((64, 36))
     assert asked.wait(10.0)
     assert session.settings.preview

@@ -42,7 +42,7 @@ def test_a_click_picks_what_is_below_it_and_shows_it(session):
     click(session, ONE)
     survey = session.survey
     assert survey.spot_m == spot_under(session, ONE)
-    assert session.is_open("survey")
+    assert session.layout.is_open("survey")
     assert session.camera == before
     height = float(session.heightfield.heights_at(*survey.spot_m))
     assert survey.point.relief.height_m == pytest.approx(height)

@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 from imgui_bundle import imgui
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.session.preferences import PreferenceFile, Preferences
 from app.viewer import gui
@@ -17,18 +17,14 @@ from app.viewer.panel import status_lines
 from app.windows.table import WINDOWS
 from app.windows.theme import apply_theme
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 CLEAR_OF_WINDOWS = (640.0, 360.0)
 
 
 @pytest.fixture
 def ui(session, tmp_path):
     session.preferences = PreferenceFile(tmp_path / "config")
-    harness = UiHarness(session)
-    for _ in range(3):
-        harness.frame()
-    yield harness
-    harness.close()
+    with UiHarness(session) as harness:
+        yield harness
 
 
 def shown(title):
@@ -38,7 +34,7 @@ def shown(title):
 
 
 def test_the_panel_is_docked_on_the_left_and_the_laboratory_on_the_right(ui):
-    ui.session.show_window("laboratory")
+    ui.session.layout.show("laboratory")
     for _ in range(3):
         ui.frame()
     panel, laboratory, free = shown("Reliefscope"), shown("Laboratory"), free_rectangle(ui.session)
@@ -59,16 +55,16 @@ def test_every_window_is_opened_by_the_menu_and_closed_by_its_cross(ui, window):
     def steps(ctx):
         ctx.set_ref("##MainMenuBar")
         for _ in range(2):
-            before = session.is_open(window.name)
+            before = session.layout.is_open(window.name)
             ctx.menu_click(f"Windows/{window.title}")
             ctx.yield_(2)
-            assert session.is_open(window.name) != before
+            assert session.layout.is_open(window.name) != before
             assert (shown(window.title) is not None) != before
-        session.show_window(window.name)
+        session.layout.show(window.name)
         ctx.yield_(3)
         ctx.window_close(f"//{window.title}")
         ctx.yield_(2)
-        assert not session.is_open(window.name)
+        assert not session.layout.is_open(window.name)
 
     ui.run(steps)
     assert PreferenceFile(session.preferences.folder).current.open_windows[window.name] is False
@@ -91,7 +87,7 @@ def test_every_act_is_in_a_menu_that_does_it(ui):
         ui.run(steps)
     assert seen == [binding.help for binding in acts]
     assert {window.key for window in WINDOWS if window.key} <= {binding.key for binding in bindings()}
-    assert session.shows_windows
+    assert session.layout.shows_windows
 
 
 def test_keys_are_each_used_once():
@@ -123,7 +119,7 @@ def test_the_help_lists_every_key_and_fits_into_the_window(ui):
     def steps(ctx):
         for scale in (1.0, 1.5):
             ui.session.preferences.change(ui_scale=scale)
-            ui.session.shows_help = True
+            ui.session.layout.shows_help = True
             ctx.yield_(5)
             window = shown("Help")
             assert window.pos.x >= 0.0
@@ -133,7 +129,7 @@ def test_the_help_lists_every_key_and_fits_into_the_window(ui):
             assert window.scroll_max.y < 1.0, "all keys are seen at once"
             ctx.key_press(imgui.Key.escape)
             ctx.yield_(2)
-            assert not ui.session.shows_help
+            assert not ui.session.layout.shows_help
 
     ui.run(steps)
 
@@ -143,17 +139,12 @@ def test_the_layout_is_kept_and_a_damaged_one_is_replaced_by_the_first(session, 
     session.preferences = PreferenceFile(folder)
 
     def run(steps):
-        harness = UiHarness(session)
-        try:
-            for _ in range(3):
-                harness.frame()
+        with UiHarness(session) as harness:
             harness.run(steps)
             session.preferences.write_layout(imgui.save_ini_settings_to_memory())
-        finally:
-            harness.close()
 
     def move(ctx):
-        session.show_window("laboratory")
+        session.layout.show("laboratory")
         ctx.yield_(2)
         ctx.undock_window("//Reliefscope")
         ctx.window_resize("//Reliefscope", (420.0, 300.0))
@@ -201,7 +192,7 @@ def test_the_layout_is_kept_while_the_program_runs(ui):
 
 def test_theme_and_scale_are_chosen_and_kept(ui):
     session = ui.session
-    session.show_window("preferences")
+    session.layout.show("preferences")
 
     def steps(ctx):
         ctx.yield_(2)
@@ -238,7 +229,7 @@ def test_spaces_grow_with_the_scale_and_the_screen_and_shrink_again(ui):
 
 def test_every_preference_has_a_widget_that_changes_it(ui):
     session = ui.session
-    session.show_window("preferences")
+    session.layout.show("preferences")
 
     def steps(ctx):
         ctx.yield_(2)
@@ -319,8 +310,8 @@ def test_the_status_line_tells_what_runs_and_escape_stops_it(ui):
 
 
 def test_the_status_line_says_what_the_window_waits_for_before_it_waits(session, monkeypatch):
-    monkeypatch.setattr("app.session.session.LARGE_POSTS", 1)
-    session.choose_algorithm("slicing")
+    monkeypatch.setattr("app.session.algorithms.LARGE_POSTS", 1)
+    session.algorithms.choose("slicing")
     session.draw((64, 36))
     assert session.algorithm != "slicing"
     assert status_lines(session)[0] == "Preparing Adaptive slicing: the window waits for it."
@@ -328,7 +319,7 @@ def test_the_status_line_says_what_the_window_waits_for_before_it_waits(session,
     session.draw((64, 36))
     assert session.algorithm == "slicing"
     assert len(session.jobs) == 0
-    session.choose_algorithm("slicing")
+    session.algorithms.choose("slicing")
     assert len(session.jobs) == 0
 
 
@@ -344,7 +335,7 @@ def test_the_status_line_tells_what_is_made_ready_meanwhile(session, monkeypatch
 def test_no_window_covers_the_status_line_or_the_other(ui, scale):
     session = ui.session
     session.preferences.change(ui_scale=scale)
-    session.show_window("laboratory")
+    session.layout.show("laboratory")
     session.say("a long line " * 40)
 
     def steps(ctx):

@@ -123,7 +123,7 @@ def test_buttons_do_what_the_help_says(session):
     press("A")
     assert session.navigation.passage is not None
     press("back")
-    assert session.shows_help
+    assert session.layout.shows_help
     press("start")
     assert session.camera.pitch_deg == pytest.approx(-24.0)
     press("left bumper")

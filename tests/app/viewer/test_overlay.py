@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.viewer import overlay
 from app.viewer.docking import Rectangle
@@ -155,15 +155,13 @@ def test_lengths_and_headings_in_words():
     ]  # fmt: skip
 
 
-@pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 def test_cards_stay_in_the_free_part_and_apart(session, monkeypatch):
     cards = []
     monkeypatch.setattr(overlay, "_draw_card", cards.append)
-    ui = UiHarness(session)
-    try:
+    with UiHarness(session) as ui:
         for scale, lab in ((1.0, False), (1.0, True), (1.5, False)):
             session.preferences.change(ui_scale=scale)
-            session.show_window("laboratory", lab)
+            session.layout.show("laboratory", lab)
             for _ in range(4):
                 ui.frame()
             free = overlay.free_rectangle(session)
@@ -179,8 +177,6 @@ def test_cards_stay_in_the_free_part_and_apart(session, monkeypatch):
         cards.clear()
         ui.frame()
         assert cards == []
-    finally:
-        ui.close()
 
 
 def test_a_rectangle_knows_its_sides():

@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from terrain.gpu.context import create_offscreen_gpu
 from terrain.gpu.programs import SHADERS
@@ -75,11 +75,9 @@ def test_a_changed_bake_is_baked_again(session, folder):
     assert after[..., 0].mean() > before[..., 0].mean() + 20.0
 
 
-@pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 def test_a_broken_shader_is_shown_with_file_and_line_until_it_is_mended(session, folder):
     before = picture(session)
-    ui = UiHarness(session)
-    try:
+    with UiHarness(session) as ui:
         edit(folder / "mesh.frag", "void main() {", "void main() { float nonsense = missing;")
         session.reload_shaders()
         for _ in range(3):
@@ -94,8 +92,6 @@ def test_a_broken_shader_is_shown_with_file_and_line_until_it_is_mended(session,
             ui.frame()
         assert not imgui.internal.find_window_by_name(TITLE).active
         assert np.array_equal(picture(session), before)
-    finally:
-        ui.close()
 
 
 def test_a_view_whose_shader_does_not_compile_says_so_and_the_others_go_on(session, folder):

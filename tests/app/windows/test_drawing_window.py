@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 from imgui_bundle import imgui
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.viewer import gui
 from app.viewer.keys import HELD, bindings
@@ -14,17 +14,14 @@ from app.windows.drawing import figures
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 PANEL = "//Reliefscope"
 CLEAR_OF_PANEL = (800.0, 200.0)
 
 
 @pytest.fixture
 def ui(session):
-    harness = UiHarness(session)
-    harness.frame()
-    yield harness
-    harness.close()
+    with UiHarness(session) as harness:
+        yield harness
 
 
 def clear_focus(ctx):
@@ -54,7 +51,7 @@ def test_every_view_is_chosen_in_the_list(ui):
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_every_setting_of_an_algorithm_has_a_widget_that_changes_it(ui, name):
-    ui.session.choose_algorithm(name)
+    ui.session.algorithms.choose(name)
 
     def steps(ctx):
         ctx.set_ref(PANEL)
@@ -80,7 +77,7 @@ def test_every_setting_of_the_look_has_a_widget_that_changes_it(ui):
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_no_widget_covers_its_label(ui, name):
-    ui.session.choose_algorithm(name)
+    ui.session.algorithms.choose(name)
 
     def steps(ctx):
         ctx.set_ref(PANEL)
@@ -193,7 +190,7 @@ def test_buttons_do_what_they_say(ui, tmp_path):
         ctx.item_click("Home")
         assert ui.session.camera.pitch_deg == pytest.approx(-24.0)
         ctx.item_click("Keys")
-        assert ui.session.shows_help
+        assert ui.session.layout.shows_help
 
     ui.run(steps)
 
@@ -258,13 +255,13 @@ def test_keys_freeze_record_play_save_frame_and_help(ui, tmp_path):
         press("Home")
         assert session.camera.pitch_deg == pytest.approx(-24.0)
         press("H")
-        assert session.shows_help
+        assert session.layout.shows_help
         press("Escape")
-        assert not session.shows_help
+        assert not session.layout.shows_help
         press("T")
-        assert not session.is_open("drawing")
+        assert not session.layout.is_open("drawing")
         press("T")
-        assert session.is_open("drawing")
+        assert session.layout.is_open("drawing")
         press("Q")
         assert not session.is_leaving
         ctx.key_press(imgui.Key.mod_ctrl | imgui.Key.q)

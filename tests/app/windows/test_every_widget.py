@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from imgui_bundle import imgui
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.session.exporter import Order
 from app.session.navigation import MODES
@@ -16,7 +16,6 @@ from app.session.preferences import Preferences
 from app.windows.table import WINDOWS
 from terrain.renderers import RENDERERS
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 WIDGETS = (
     "button", "small_button", "arrow_button", "invisible_button", "checkbox", "radio_button", "combo", "selectable",
     "slider_int", "slider_float", "drag_int", "drag_float", "input_int", "input_float", "input_double", "input_text",
@@ -66,16 +65,15 @@ class Heard:
 @pytest.fixture
 def heard(session, monkeypatch):
     """All windows with all their sections, for every algorithm."""
-    harness = UiHarness(session)
     for window in WINDOWS:
-        session.show_window(window.name)
-    heard = Heard(monkeypatch)
+        session.layout.show(window.name)
     session.jobs.begin("Reading", "Escape cancels", lambda: None)
-    try:
+    with UiHarness(session) as harness:
+        heard = Heard(monkeypatch)
         for window in WINDOWS:  # windows in one place show one tab at a time
             imgui.internal.clear_active_id()
             for name in RENDERERS:
-                session.choose_algorithm(name)
+                session.algorithms.choose(name)
                 harness.frame(draw=lambda session: None)
                 heard.end()
             found = imgui.internal.find_window_by_name(window.title)
@@ -84,8 +82,6 @@ def heard(session, monkeypatch):
                 harness.frame(draw=lambda session: None)
                 heard.end()
         yield heard
-    finally:
-        harness.close()
 
 
 def test_every_widget_explains_itself_in_a_tooltip(heard):

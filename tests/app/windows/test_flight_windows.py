@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 from imgui_bundle import imgui
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.flying.flight_lines import way_segments
 from app.session.exporter import Order
@@ -15,7 +15,6 @@ from app.viewer.keys import bindings
 from terrain.camera import Camera
 from terrain.flight import PACES, Flight, Keyframe
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 TIMELINE, EXPORT, OPEN = "//Timeline", "//Export", "//Open"
 CLEAR = (800.0, 200.0)
 
@@ -25,15 +24,13 @@ def ui(session):
     keys = [Keyframe(2.0 * i, Camera((40.0 + 60.0 * i, 60.0, 250.0 - 40.0 * i), 20.0 * i)) for i in range(4)]
     session.flights.show(Flight(tuple(keys), "short", "hills"))
     session.flights.discard()
-    harness = UiHarness(session)
-    harness.frame()
-    yield harness
-    harness.close()
+    with UiHarness(session) as harness:
+        yield harness
 
 
 def shown_in(ui, name, steps):
     """Run steps with a window open."""
-    ui.session.show_window(name)
+    ui.session.layout.show(name)
     ui.frame()
     ui.frame()
     ui.run(steps)
@@ -164,7 +161,7 @@ def test_the_keys_of_the_flight_do_what_they_say(ui, tmp_path):
 
         ctx.mouse_move_to_pos(CLEAR)
         press("K")
-        assert session.is_open("timeline")
+        assert session.layout.is_open("timeline")
         press("Period")
         press("Period")
         press("Comma")
@@ -185,9 +182,9 @@ def test_the_keys_of_the_flight_do_what_they_say(ui, tmp_path):
         press("Ctrl+S")
         assert len(list(tmp_path.glob("*.flight.json"))) == 1
         for key, window in (("K", "timeline"), ("Ctrl+E", "export"), ("Ctrl+O", "open")):
-            before = session.is_open(window)
+            before = session.layout.is_open(window)
             press(key)
-            assert session.is_open(window) != before
+            assert session.layout.is_open(window) != before
 
     ui.run(steps)
 
@@ -220,11 +217,11 @@ def test_the_way_is_drawn_in_the_scene_while_the_timeline_is_open(ui):
         return session.draw((96, 54)).read()[..., :3].astype(int)
 
     bare = picture()
-    session.show_window("timeline")
+    session.layout.show("timeline")
     lines = picture()
     session.flights.timeline.selected = 2
     selected = picture()
-    session.show_window("timeline", False)
+    session.layout.show("timeline", False)
     assert 20 < (abs(lines - bare).max(axis=-1) > 25).sum() < 2000
     assert (abs(selected - lines).max(axis=-1) > 25).sum() > 3
     assert (picture() == bare).all()
@@ -295,8 +292,8 @@ def test_files_are_found_and_opened(ui, tmp_path, monkeypatch):
 
     def again(ctx):
         """What was chosen closes the window."""
-        assert not session.is_open("open")
-        session.show_window("open")
+        assert not session.layout.is_open("open")
+        session.layout.show("open")
         ctx.yield_(3)
         ctx.set_ref(OPEN)
 

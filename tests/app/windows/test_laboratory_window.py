@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from imgui_bundle import imgui, implot
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.session.experiments import TOLERANCES_PX, run_point
 from app.windows.laboratory import waste_figures
@@ -16,18 +16,14 @@ from terrain.measure.strip import StripFrame
 from terrain.measure.waste import Waste
 from terrain.renderers import RENDERERS
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 LABORATORY = "//Laboratory"
 
 
 @pytest.fixture
 def ui(session):
-    session.show_window("laboratory")
-    harness = UiHarness(session)
-    for _ in range(3):
-        harness.frame()
-    yield harness
-    harness.close()
+    session.layout.show("laboratory")
+    with UiHarness(session) as harness:
+        yield harness
 
 
 def wait(ui, ctx, frames=400):
@@ -57,9 +53,9 @@ def test_key_and_button_show_and_hide_the_laboratory(ui):
         ctx.mouse_move_to_pos((600.0, 500.0))
         ctx.key_press(imgui.Key.l)
         ctx.yield_(2)
-        assert not ui.session.is_open("laboratory")
+        assert not ui.session.layout.is_open("laboratory")
         ctx.item_click("//Reliefscope/Lab")
-        assert ui.session.is_open("laboratory")
+        assert ui.session.layout.is_open("laboratory")
 
     ui.run(steps)
 
@@ -82,14 +78,14 @@ def test_measuring_stops_while_nothing_changes_and_goes_on_when_something_does(u
         ui.frame()
     assert len(lab.trail) == 1
     assert not lab.wants_work
-    session.choose_algorithm("reference")
+    session.algorithms.choose("reference")
     assert lab.wants_work
     for _ in range(2):
         ui.frame()
     assert len(lab.trail) == 2
     assert lab.delivered.p999_px < 0.05
-    session.toggle_window("laboratory")
-    session.choose_algorithm("geomorph")
+    session.layout.toggle("laboratory")
+    session.algorithms.choose("geomorph")
     ui.frame()
     assert len(lab.trail) == 2
 
@@ -182,19 +178,19 @@ def test_equal_error_and_equal_time_tune_the_chosen_algorithms(ui):
         assert lab.wanted_px == pytest.approx(0.5)
         ctx.item_click("Equal error")
         wait(ui, ctx)
-        assert set(session.tuned) == {"geomorph", "multiresolution"}
-        assert session.settings == session.tuned["geomorph"]
+        assert set(session.algorithms.tuned) == {"geomorph", "multiresolution"}
+        assert session.settings == session.algorithms.tuned["geomorph"]
         ctx.set_ref("//Reliefscope")
         ctx.combo_click(f"##Algorithm/{RENDERERS['multiresolution'].title}")
-        assert session.settings == session.tuned["multiresolution"]
+        assert session.settings == session.algorithms.tuned["multiresolution"]
         ctx.item_input_value("##Tolerance", 3.0)
-        assert session.tuned == {}
+        assert session.algorithms.tuned == {}
         ctx.set_ref(LABORATORY)
         ctx.item_input_value("##Wanted time", 10.0)
         assert lab.wanted_ms == pytest.approx(10.0)
         ctx.item_click("Equal time")
         wait(ui, ctx)
-        assert set(session.tuned) == {"geomorph", "multiresolution"}
+        assert set(session.algorithms.tuned) == {"geomorph", "multiresolution"}
         assert "ms each" in session.message
 
     ui.run(steps)

@@ -6,26 +6,22 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 from PIL import Image
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.viewer.legends import legend_of
 from terrain.textures.layers import BLENDS, PLACES
 from terrain.textures.thematic import THEMES
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 OVER_PICTURE = (640.0, 500.0)
 
 
 @pytest.fixture
 def ui(session, tmp_path):
-    session.show_window("layers")
-    harness = UiHarness(session)
-    for _ in range(3):
+    session.layout.show("layers")
+    with UiHarness(session) as harness:
+        imgui.internal.focus_window(imgui.internal.find_window_by_name("Layers"))
         harness.frame()
-    imgui.internal.focus_window(imgui.internal.find_window_by_name("Layers"))
-    harness.frame()
-    yield harness
-    harness.close()
+        yield harness
 
 
 def run(ui, steps):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from ui_harness import AVAILABLE, UiHarness
+from ui_harness import UiHarness
 
 from app.flying.cameras import PASSAGE_S, pointer_at
 from app.flying.controls import Inputs
@@ -18,7 +18,6 @@ from app.viewer.keys import LOOKED
 from app.windows.survey import point_rows
 from terrain.heightfield import Georeference
 
-pytestmark = pytest.mark.skipif(not AVAILABLE, reason="imgui-bundle's wheel does not export ImGui::EndFrame here")
 PLACES, SURVEY = "//Places", "//Survey"
 ASPECT = 64 / 36
 HERE, THERE = (560.0, 520.0), (760.0, 560.0)  # on the ground, between the docked windows
@@ -28,11 +27,8 @@ HERE, THERE = (560.0, 520.0), (760.0, 560.0)  # on the ground, between the docke
 def ui(session, tmp_path):
     session.preferences = PreferenceFile(tmp_path / "config")
     session.camera = replace(session.camera, pitch_deg=-25.0)
-    harness = UiHarness(session)
-    for _ in range(3):
-        harness.frame()
-    yield harness
-    harness.close()
+    with UiHarness(session) as harness:
+        yield harness
 
 
 def spot_at(session, pixel):
@@ -41,7 +37,7 @@ def spot_at(session, pixel):
 
 
 def open_window(ui, name):
-    ui.session.show_window(name)
+    ui.session.layout.show(name)
     for _ in range(3):
         ui.frame()
 
@@ -70,7 +66,7 @@ def test_a_click_picks_and_a_drag_does_not(ui):
         ctx.mouse_click(0)
         ctx.yield_(2)
         assert session.survey.spot_m == pytest.approx(expected, abs=1e-3)
-        assert session.is_open("survey")
+        assert session.layout.is_open("survey")
         ctx.mouse_move("//Reliefscope/##Tolerance")
         ctx.mouse_click(0)
         ctx.yield_(2)
@@ -214,9 +210,9 @@ def test_every_key_of_cameras_and_places_does_what_it_says(ui):
         press("Escape")
         assert not survey.is_measuring
         for key, name in (("V", "survey"), ("G", "places")):
-            before = session.is_open(name)
+            before = session.layout.is_open(name)
             press(key)
-            assert session.is_open(name) != before
+            assert session.layout.is_open(name) != before
 
     ui.run(steps)
 
@@ -264,7 +260,7 @@ def test_coordinates_are_typed_and_gone_to(ui):
 
 def test_a_coordinate_is_gone_to_with_the_keyboard_alone(ui):
     session = ui.session
-    session.show_window("laboratory")
+    session.layout.show("laboratory")
 
     def steps(ctx):
         ctx.yield_(3)
@@ -286,7 +282,7 @@ def test_a_click_shows_the_survey_before_what_shares_its_place(ui):
 
     def steps(ctx):
         for name in ("survey", "places"):
-            session.show_window(name)
+            session.layout.show(name)
             ctx.yield_(3)
         assert imgui.internal.find_window_by_name("Survey").hidden
         ctx.mouse_move_to_pos(HERE)
