@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.camera import Camera
+from terrain.heightfield import Heightfield
 
 Output = Literal["shaded", "position", "levels", "normals", "overdraw", "flat"]
 """What a fragment writes; ``shaders/lib/output.glsl`` has one branch for each.
@@ -18,6 +20,8 @@ Output = Literal["shaded", "position", "levels", "normals", "overdraw", "flat"]
 level of detail · ``normals`` the normal of the drawn surface as colour · ``overdraw`` adds 1 · ``flat`` one colour
 (lines of the wireframe view).
 """
+
+LEAST_NEAR_M = 1e-4
 
 
 @dataclass(frozen=True)
@@ -130,3 +134,13 @@ class FrameStats:
     frame_ms: float | None = None
     pending: str = ""
     extra: dict[str, float] = field(default_factory=dict)
+
+
+def near_plane_m(camera: Camera, heightfield: Heightfield) -> float:
+    """A small distance: float depth is as precise with a tiny near plane, and none must cut the ground."""
+    spacing_m = min(heightfield.spacing_m)
+    x, y, z = camera.position_m
+    clearance_m = abs(float(y - heightfield.heights_at(x, z)))
+    if not math.isfinite(clearance_m):
+        clearance_m = spacing_m
+    return max(min(0.1 * clearance_m, 0.01 * spacing_m), LEAST_NEAR_M)

@@ -17,32 +17,29 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from terrain.algorithms.culling import Culler
 from terrain.camera import Camera
-from terrain.errors import InputError
-from terrain.frame import Frame, FrameStats, Output
+from terrain.drape import Drape
+from terrain.frame import Frame, FrameStats, Output, near_plane_m
 from terrain.gpu.context import Gpu
-from terrain.gpu.frame_block import MOST_LAYERS, FrameBlock, Look
+from terrain.gpu.frame_block import FrameBlock, Look
 from terrain.gpu.geometry import Geometry
 from terrain.gpu.lines import Lines
 from terrain.gpu.targets import Kind, Target, create_target
 from terrain.gpu.timer import GpuTimer
 from terrain.heightfield import Diagonal
 from terrain.renderers import RENDERERS
-from terrain.renderers.base import Renderer
+from terrain.renderers.base import Boxes, Renderer
 from terrain.scene import Scene
 from terrain.textures.ground import Ground
-from terrain.textures.layers import LayerStack, layer_defines, layer_uniforms, plain_stack
+from terrain.textures.layers import LayerStack, layer_defines, plain_stack
 from terrain.textures.look import LookSettings, bake_design, look_uniforms, shading_defines
 from terrain.textures.sky import Sky
 from terrain.textures.tree import TileSource
-from terrain.textures.trees import FIGURES, TREE_LIMIT, Trees
+from terrain.textures.trees import FIGURES
 from terrain.views import Overlays, View, overdraw_figures
 
 # Views of what a fragment writes; all others draw over the shaded picture.
 _OUTPUTS: dict[View, Output] = {"levels": "levels", "normals": "normals", "overdraw": "overdraw"}
-LEAST_NEAR_M = 1e-4
-FINEST_GROUND, GROUND_SPLIT = 3, 8.0  # visible ground in boxes of 8 cells, or an eighth of their distance
 _BACKDROP = (0.09, 0.10, 0.12, 1.0)  # behind the terrain where there is no sky
 
 
@@ -68,10 +65,8 @@ class Stage:
     look : LookSettings
     frozen : Frame or None
         The frame for which what is drawn was chosen, while the selection is frozen.
-    layers : LayerStack
+    drape : Drape
         What lies over the ground.
-    trees : Trees
-        The texture trees of its images.
     bake_budget_ms : float
         Time a frame may take to bake light anew after a change; what is not baked yet keeps its old light meanwhile.
         Unlimited at first: every picture is finished.
@@ -85,15 +80,10 @@ class Stage:
         self.frozen: Frame | None = None
         self.draws_legends = True
         self.bake_budget_ms = math.inf
-        self.layers = LayerStack()
-        self._layer_sources: Mapping[str, TileSource] = {}
-        self._tree_of: dict[str, tuple[int, TileSource]] = {}
+        self.drape = Drape(gpu, scene, look.texture_budget_mib << 20)
         self._uniforms = self._find_uniforms()
         self._block = FrameBlock(gpu)
         self._ground = Ground(gpu, scene.heightfield)
-        terrain = scene.heightfield
-        self.trees = Trees(gpu, terrain.spacing_m, (terrain.cols, terrain.rows), look.texture_budget_mib << 20)
-        self._culler: Culler | None = None  # of visible ground, for what lies on it
         self._overlays = Overlays(gpu)
         self._sky = Sky(gpu)
         self._water = Geometry(gpu, "fullscreen", "water")
@@ -117,7 +107,7 @@ class Stage:
         programs.defines.pop("HOLES", None)
         if self.scene.heightfield.holes is not None:
             programs.defines["HOLES"] = 1
-        programs.shading_defines = {**shading_defines(self.look), **layer_defines(self.layers)}
+        programs.shading_defines = {**shading_defines(self.look), **layer_defines(self.drape.stack)}
 
     def set_renderer(self, algorithm: str, settings: Any = None) -> None:
         """Switch to an algorithm, or give the current one other settings; it is rebuilt only where it must be.
@@ -141,7 +131,7 @@ class Stage:
     def set_look(self, look: LookSettings) -> None:
         """Change the look; what must be baked again is baked with the next frames."""
         if look.texture_budget_mib != self.look.texture_budget_mib:
-            self.trees.set_budget(look.texture_budget_mib << 20)
+            self.drape.trees.set_budget(look.texture_budget_mib << 20)
         self.look = look
         self._uniforms = self._find_uniforms()
 
@@ -159,29 +149,15 @@ class Stage:
         InputError
             If there are more of them, or more images, than can be shown at once; then nothing has changed.
         """
-        if len(layers.shown) > MOST_LAYERS:
-            raise InputError(f"Expected at most {MOST_LAYERS} layers at once, found {len(layers.shown)}: hide some.")
-        wanted = layers.following_sources
-        if len(wanted) > TREE_LIMIT:
-            wanted = layers.sources
-        if len(wanted) > TREE_LIMIT:
-            raise InputError(f"Expected at most {TREE_LIMIT} images at once, found {len(wanted)}: hide some layers.")
-        for name, (number, source) in list(self._tree_of.items()):
-            if name not in wanted or sources[name] is not source:
-                self.trees.remove(number)
-                del self._tree_of[name]
-        for name in wanted:
-            if name not in self._tree_of:
-                self._tree_of[name] = self.trees.add(sources[name]), sources[name]
-        self.layers, self._layer_sources = layers, sources
+        self.drape.lay(layers, sources)
         self._uniforms = self._find_uniforms()
 
     def animate_layers(self, share: float) -> None:
         """Go to a share of the time from the first key frame of the layers to their last, 0..1."""
-        span = self.layers.time_range
+        span = self.drape.stack.time_range
         if span is not None:
-            time = span[0] + share * (span[1] - span[0])
-            self.set_layers(replace(self.layers, time=time), self._layer_sources)
+            self.drape.go_to(span[0] + share * (span[1] - span[0]))
+            self._uniforms = self._find_uniforms()
 
     def set_images(self, sources: Sequence[TileSource]) -> None:
         """Lay images on the ground, each over those before it, instead of what lay there."""
@@ -190,12 +166,7 @@ class Stage:
 
     def _find_uniforms(self) -> Look:
         """What of the frame's uniform block look and layers decide."""
-        terrain, lens = self.scene.heightfield, self.layers.lens
-        col, row = (at / step for at, step in zip(lens.centre_m, terrain.spacing_m, strict=True))
-        ground_of_lens = (col + 0.5) / terrain.cols, (row + 0.5) / terrain.rows
-        numbers = {name: number for name, (number, _) in self._tree_of.items()}
-        layers = layer_uniforms(self.layers, numbers, ground_of_lens)
-        return replace(look_uniforms(self.look, terrain), **layers._asdict())
+        return replace(look_uniforms(self.look, self.scene.heightfield), **self.drape.uniforms())
 
     @property
     def is_loading(self) -> bool:
@@ -206,7 +177,7 @@ class Stage:
     def unfinished(self) -> list[str]:
         """What is still made ready while frames are drawn, in words."""
         parts = {
-            "reading images": self.trees.is_loading,
+            "reading images": self.drape.trees.is_loading,
             "baking light": not self._ground.is_done,
             self.renderer.stats.pending: bool(self.renderer.stats.pending),
         }
@@ -227,17 +198,9 @@ class Stage:
 
     def frame(self, camera: Camera, size_px: tuple[int, int], time_s: float = 0.0) -> Frame:
         """The frame of a camera over this terrain, with a near plane below the eye's clearance."""
-        return Frame(camera, size_px, self._near_m(camera), "shaded", time_s, self.gpu.reversed_z)
-
-    def _near_m(self, camera: Camera) -> float:
-        """A small distance: float depth is as precise with a tiny near plane, and none must cut the ground."""
-        terrain = self.scene.heightfield
-        spacing_m = min(terrain.spacing_m)
-        x, y, z = camera.position_m
-        clearance_m = abs(float(y - terrain.heights_at(x, z)))
-        if not math.isfinite(clearance_m):
-            clearance_m = spacing_m
-        return max(min(0.1 * clearance_m, 0.01 * spacing_m), LEAST_NEAR_M)
+        return Frame(
+            camera, size_px, near_plane_m(camera, self.scene.heightfield), "shaded", time_s, self.gpu.reversed_z
+        )
 
     def target(self, size_px: tuple[int, int], kind: Kind = "colour") -> Target:
         """The stage's own target of a kind, made again when the size changes."""
@@ -278,7 +241,7 @@ class Stage:
         """Everything before the first draw call of a frame: switches, state, bakes, selection, uniforms."""
         self._activate()
         self.gpu.prepare_state()
-        self._ground.want_light(bool(self.layers.layers))
+        self._ground.want_light(bool(self.drape.stack.layers))
         design = bake_design(self.look)
         self._ground.bake(design, self._uniforms, self._block, frame, self.bake_budget_ms)
         if self.frozen is None and choose:
@@ -297,37 +260,26 @@ class Stage:
         InputError
             If nothing at all of an image can be read.
         """
-        if self.trees.count:
-            if self._ground_by_patches and self.frozen is None:
-                self.renderer.select(frame.whole)
-            self._update_trees(frame)
-            if self.trees.is_loading:
-                self.trees.wait(within_s)
-                return False
-            self.trees.check()
-        return True
+        if not self.drape.trees.count:
+            return True
+        if self._draws_patches and self.frozen is None:
+            self.renderer.select(frame.whole)
+        return self.drape.load(self.frozen or frame, self._patches, self.look.texture_tolerance_px2, within_s)
 
     def _stream_tiles(self, frame: Frame, stats: FrameStats) -> None:
         """Bring what lies on the terrain up to date for what can be seen of it, and bind it."""
-        if self.trees.count:
-            self._update_trees(frame)
-            self.trees.bind()
-        stats.extra = {name: value for name, value in stats.extra.items() if name not in FIGURES} | self.trees.figures
+        self.drape.stream(self.frozen or frame, self._patches, self.look.texture_tolerance_px2)
+        figures = self.drape.trees.figures
+        stats.extra = {name: value for name, value in stats.extra.items() if name not in FIGURES} | figures
 
     @property
-    def _ground_by_patches(self) -> bool:
+    def _draws_patches(self) -> bool:
         """Whether texture patches are chosen for the renderer's own patches of ground (base.py)."""
         return bool(getattr(self.renderer, "boxes_hold_ground", False))
 
-    def _update_trees(self, frame: Frame) -> None:
-        chosen_for = self.frozen or frame
-        if self._ground_by_patches:
-            lower_m, upper_m, _ = self.renderer.boxes()
-        else:
-            if self._culler is None:
-                self._culler = Culler(self.scene, FINEST_GROUND)
-            lower_m, upper_m = self._culler.boxes(self._culler.select(chosen_for.whole, split_ratio=GROUND_SPLIT))
-        self.trees.update(chosen_for, lower_m, upper_m, self.look.texture_tolerance_px2)
+    @property
+    def _patches(self) -> Boxes | None:
+        return self.renderer.boxes() if self._draws_patches and self.drape.trees.count else None
 
     def _draw_surface(self, frame: Frame, target: Target) -> None:
         target.framebuffer.use()
@@ -440,5 +392,5 @@ class Stage:
         self.renderer.release()
         for target in self._targets.values():
             target.release()
-        for part in (self._overlays, self._sky, self._water, self._ground, self.trees, self._block):
+        for part in (self._overlays, self._sky, self._water, self._ground, self.drape.trees, self._block):
             part.release()

@@ -63,7 +63,7 @@ def render(args: argparse.Namespace) -> None:
         if args.positions is not None:
             save_array(args.positions, stage.positions(cameras[0], size_px), args.overwrite)
             print(f"Wrote {args.positions}: world positions [m] of {size_px[0]}x{size_px[1]} pixels.")
-        for message in stage.trees.take_messages():
+        for message in stage.drape.trees.take_messages():
             print(message, file=sys.stderr)
     finally:
         stage.release()

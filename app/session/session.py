@@ -201,7 +201,7 @@ class Session:
         if self.layout.is_open("timeline"):
             self._flight_lines.draw(self.stage, frame, self.flights.flight, self.flights.timeline.selected)
         self.survey.draw(frame, self.stage.lines)
-        for message in self.stage.trees.take_messages():
+        for message in self.stage.drape.trees.take_messages():
             self.say(message)
         if self.gpu.is_software:
             self.gpu.ctx.finish()  # a software rasteriser's time is only known when it has finished

@@ -74,11 +74,11 @@ def stage(gpu, tmp_path, monkeypatch):
 def test_textures_are_chosen_for_the_patches_drawn_and_look_as_with_any_renderer(stage, monkeypatch):
     rng = np.random.default_rng(5)
     pixels = np.kron(rng.integers(0, 255, (40, 50, 3)), np.ones((20, 20, 1))).astype(np.uint8)
-    stage.trees.add(ArraySource("squares", pixels, whole_extent(TERRAIN)))
+    stage.drape.trees.add(ArraySource("squares", pixels, whole_extent(TERRAIN)))
     asked = []
-    update = stage.trees.update
+    update = stage.drape.trees.update
     monkeypatch.setattr(
-        stage.trees, "update", lambda frame, lower, *rest: (asked.append(lower), update(frame, lower, *rest))
+        stage.drape.trees, "update", lambda frame, lower, *rest: (asked.append(lower), update(frame, lower, *rest))
     )
     camera = Camera((1280.0, 260.0, 1900.0), 10.0, -12.0)
     picture = stage.render(camera, (240, 150))

@@ -110,11 +110,11 @@ def test_a_session_adds_moves_and_removes_layers_and_keeps_them_when_one_fails(s
     assert [layer.name for layer in layers.stack.layers] == ["Aspect", "Slope"]
     assert layers.selected == 1
     session.exaggerate(2.0)
-    assert session.stage.layers == layers.stack
+    assert session.stage.drape.stack == layers.stack
     layers.remove(0)
     layers.remove(0)
-    assert session.stage.layers.layers == ()
-    assert session.stage.trees.count == 0
+    assert session.stage.drape.stack.layers == ()
+    assert session.stage.drape.trees.count == 0
 
 
 def test_the_lens_follows_the_point_under_the_mouse(session):
@@ -125,7 +125,7 @@ def test_the_lens_follows_the_point_under_the_mouse(session):
     layers.toggle_lens()
     layers.advance((0.5, 0.7), 0.1)
     world = session.stage.positions(session.camera, (64, 36))[round(0.7 * 36), 32]
-    assert np.hypot(*(np.array(session.stage.layers.lens.centre_m) - world[[0, 2]])) < 15.0
+    assert np.hypot(*(np.array(session.stage.drape.stack.lens.centre_m) - world[[0, 2]])) < 15.0
     held = layers.stack.lens.centre_m
     layers.advance((0.5, 0.01), 0.1)  # the sky
     assert layers.stack.lens.centre_m == held
@@ -145,7 +145,7 @@ def test_the_animation_plays_from_end_to_end_and_over_again(session):
     layers.is_playing = False
     layers.set_time(0.5)
     layers.advance(None, 1.0)
-    assert session.stage.layers.time == 0.5
+    assert session.stage.drape.stack.time == 0.5
 
 
 def test_a_session_settles_when_its_layers_are_loaded_and_its_light_is_baked(session):

@@ -183,12 +183,12 @@ def test_a_picture_is_laid_on_the_terrain_and_stays_there_when_it_is_read_again(
     Image.fromarray(np.random.default_rng(1).integers(0, 256, (16, 16, 3), np.uint8)).save(photo)
     session.loader.open(session, [photo])
     assert opened() is session
-    assert session.stage.trees.count == 1, session.message
+    assert session.stage.drape.trees.count == 1, session.message
     session.loader.open(session, [photo, waves])
     new = opened()
-    assert (new.heightfield.name, new.stage.trees.count) == ("waves", 1)
+    assert (new.heightfield.name, new.stage.drape.trees.count) == ("waves", 1)
     new.loader.reload(new)
-    assert opened().stage.trees.count == 1
+    assert opened().stage.drape.trees.count == 1
 
 
 def test_a_picture_can_be_taken_for_heights(session, opened, tmp_path):

@@ -326,7 +326,7 @@ def test_the_status_line_says_what_the_window_waits_for_before_it_waits(session,
 def test_the_status_line_tells_what_is_made_ready_meanwhile(session, monkeypatch):
     assert not any("while you fly" in line for line in status_lines(session))
     monkeypatch.setattr(type(session.stage._ground), "is_done", False)
-    monkeypatch.setattr(type(session.stage.trees), "is_loading", True)
+    monkeypatch.setattr(type(session.stage.drape.trees), "is_loading", True)
     assert "Reading images, baking light while you fly." in status_lines(session)
     assert not session.is_still
 

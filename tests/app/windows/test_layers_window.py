@@ -33,7 +33,7 @@ def run(ui, steps):
 
 
 def names(session):
-    return [layer.name for layer in session.stage.layers.layers]
+    return [layer.name for layer in session.stage.drape.stack.layers]
 
 
 def row(name, widget):
@@ -73,7 +73,7 @@ def test_layers_are_hidden_moved_selected_and_taken_away_in_the_list(ui):
 
     def steps(ctx):
         ctx.item_click(row("Slope", "##Shown"))
-        assert not session.stage.layers.layers[0].is_on
+        assert not session.stage.drape.stack.layers[0].is_on
         ctx.item_click(row("Slope", "##Up"))
         assert names(session) == ["Aspect", "Slope", "Land cover"]
         ctx.item_click(row("Land cover", "##Down"))
@@ -92,7 +92,7 @@ def test_every_property_of_the_selected_layer_has_a_widget_that_changes_it(ui):
     session.layers.toggle_lens()
 
     def layer():
-        return session.stage.layers.layers[0]
+        return session.stage.drape.stack.layers[0]
 
     def steps(ctx):
         for blend in reversed(BLENDS):
@@ -119,14 +119,14 @@ def test_the_time_is_chosen_with_a_slider_and_runs_by_itself(ui):
 
     def steps(ctx):
         ctx.item_input_value("##Time", 0.5)
-        assert session.stage.layers.time == pytest.approx(0.5)
+        assert session.stage.drape.stack.time == pytest.approx(0.5)
         ctx.item_click("Play##animation")
         ctx.yield_(12)
-        assert session.stage.layers.time > 0.5
+        assert session.stage.drape.stack.time > 0.5
         ctx.item_click("Stop##animation")
-        held = session.stage.layers.time
+        held = session.stage.drape.stack.time
         ctx.yield_(5)
-        assert session.stage.layers.time == held
+        assert session.stage.drape.stack.time == held
 
     run(ui, steps)
 
@@ -135,7 +135,7 @@ def test_the_lens_is_switched_shaped_and_follows_the_mouse_over_the_picture(ui):
     session = ui.session
 
     def lens():
-        return session.stage.layers.lens
+        return session.stage.drape.stack.lens
 
     def steps(ctx):
         ctx.item_click("Lens follows the mouse")

@@ -208,11 +208,11 @@ def test_too_many_images_at_once_are_refused_and_the_old_layers_stay(stage):
     keyed = tuple(Layer(f"k{i}", (Key(f"{i}", 0.0), Key(f"m{i}", 1.0)), visibility=f"v{i}") for i in range(8))
     sources = dict.fromkeys([f"{kind}{i}" for i in range(9) for kind in ("", "m", "v")], IMAGES["grey"])
     stage.set_layers(LayerStack(many), sources)  # and their visibility: sixteen
-    before = stage.layers
+    before = stage.drape.stack
     for stack, told in ((LayerStack(keyed, time=0.5), "16 images"), (LayerStack((*many, layer("red"))), "8 layers")):
         with pytest.raises(InputError, match=told):
             stage.set_layers(stack, sources | IMAGES)
-    assert stage.layers is before
+    assert stage.drape.stack is before
 
 
 def test_a_theme_is_computed_beside_the_picture_and_then_shown(stage):

@@ -135,7 +135,7 @@ def test_every_pixel_shows_the_tile_that_was_chosen_for_it(staged, algorithm):
     share, level, judged = inner_share(picture, px, stage)
     assert judged.sum() > 3000
     assert share == 1.0
-    member = stage.trees._members[0]
+    member = stage.drape.trees._members[0]
     chosen = np.full(member.pages.tree.shapes[0], -1)
     chosen.ravel()[member.selection.cell] = member.selection.level
     col, row = (np.floor(px[judged] / TILE_PX).astype(int)).T
@@ -165,7 +165,7 @@ def test_parents_are_shown_until_tiles_come(staged):
     px = texels_of(stage, source, camera)
     for _ in range(25):  # all that can be read is there long before
         draw_once(stage, camera)
-        stage.trees.wait(0.01)
+        stage.drape.trees.wait(0.01)
     picture = draw_once(stage, camera)
     share, level, judged = inner_share(picture, px, stage)
     assert share == 1.0
@@ -192,7 +192,7 @@ def test_whatever_is_evicted_no_pixel_ever_shows_a_wrong_tile_and_the_budget_hol
     for way in [*there, *there[::-1], *there]:  # what was evicted comes into view again
         camera = oblique(way, 1.0 - 0.8 * way, 30.0, 40.0)
         at_once = draw_once(stage, camera)
-        assert stage.trees.uploaded_bytes <= UPLOAD_BYTES
+        assert stage.drape.trees.uploaded_bytes <= UPLOAD_BYTES
         px = texels_of(stage, source, camera)
         while not stage.load_tiles(stage.frame(camera, SIZE_PX)):
             pass
@@ -200,8 +200,8 @@ def test_whatever_is_evicted_no_pixel_ever_shows_a_wrong_tile_and_the_budget_hol
             share, _, judged = inner_share(picture, px, stage)
             assert judged.sum() > 1000
             assert share == 1.0 or len(source.read) <= slots  # in the first picture the root may not be there yet
-        assert stage.trees._slots.used <= slots
-        assert stage.trees.resident_bytes <= 16 * 2**20
+        assert stage.drape.trees._slots.used <= slots
+        assert stage.drape.trees.resident_bytes <= 16 * 2**20
     assert len(source.read) > 3 * slots  # two of three had to go
 
 
@@ -215,11 +215,11 @@ def test_a_tile_that_cannot_be_read_is_told_once_and_its_parent_shown(staged):
     share, level, judged = inner_share(picture, texels_of(stage, source, camera), stage)
     assert share == 1.0
     assert set(np.unique(level[judged])) == {1, 2}
-    (message,) = stage.trees.take_messages()
+    (message,) = stage.drape.trees.take_messages()
     assert "coded: tile 1, 1 of level 1" in message
     for _ in range(3):
         draw_once(stage, camera)
-    assert stage.trees.take_messages() == []
+    assert stage.drape.trees.take_messages() == []
     assert not stage.is_loading
 
 
@@ -267,7 +267,7 @@ def test_a_larger_image_that_comes_takes_nothing_from_the_others(staged):
     stage = staged(small, terrain=terrain)
     camera = oblique()
     before = stage.render(camera, SIZE_PX)
-    stage.trees.add(large)  # the tables must grow for it; nothing of it is resident yet
+    stage.drape.trees.add(large)  # the tables must grow for it; nothing of it is resident yet
     assert np.array_equal(draw_once(stage, camera), before)
 
 
@@ -277,9 +277,9 @@ def test_images_may_come_and_go_and_the_budget_may_change(staged):
     stage = staged(coded, terrain=terrain)
     camera = oblique()
     alone = stage.render(camera, SIZE_PX)
-    number = stage.trees.add(small)
+    number = stage.drape.trees.add(small)
     stage.render(camera, SIZE_PX)
-    stage.trees.remove(number)
+    stage.drape.trees.remove(number)
     assert np.array_equal(stage.render(camera, SIZE_PX), alone)
     stage.set_look(replace(CLEAR, texture_budget_mib=64))
     assert np.array_equal(stage.render(camera, SIZE_PX), alone)
@@ -324,13 +324,13 @@ def test_the_tiles_of_a_large_picture_meet(staged, algorithm):
     camera = oblique()
     whole = stage.render(camera, SIZE_PX).astype(int)
     px = texels_of(stage, source, camera)
-    asked = len(stage.trees._members[0].selection.tiles)
+    asked = len(stage.drape.trees._members[0].selection.tiles)
     frame, parts = stage.frame(camera, SIZE_PX), []
     for left in (0, 80):
         tile = frame.tile((left, 0), (80, SIZE_PX[1]))
         while not stage.load_tiles(tile):
             pass
-        assert len(stage.trees._members[0].selection.tiles) < asked
+        assert len(stage.drape.trees._members[0].selection.tiles) < asked
         target = stage.target(tile.viewport_px)
         stage.draw(tile, target, choose=left == 0)
         parts.append(target.read()[..., :3].astype(int))
