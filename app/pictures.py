@@ -39,8 +39,7 @@ QUALITIES = (92, 88, 84, 80, 75, 70, 60, 50)
 WINDOW_PX, HALVES_PX, CHART_DPI = (1280, 720), (960, 400), 90
 FRAME_S = 1.0 / 30.0
 AT_S = 2.0  # of the demo flight: what the window shows
-# Where the algorithms are seen from: on the way from where the whole terrain is seen to its middle, looking down more.
-NEARER, TILT_DEG = 0.60, 9.0
+NEARER = 0.42  # where the algorithms are seen from: on the way from where the whole terrain is seen to its middle
 MEASURED_PX, CHART_FRAMES = (640, 360), 4
 DEBUG_VIEWS: dict[str, View] = {
     "slicing": "overdraw", "painter": "levels", "perturbation": "wireframe", "multiresolution": "levels",
@@ -102,7 +101,6 @@ def draw_halves(session: Session, algorithm: str, size_px: tuple[int, int]) -> P
     session.algorithms.choose(algorithm)
     stage, camera = session.stage, _closer(session.heightfield, size_px[0] / size_px[1])
     stage.draws_legends = False
-    stage.set_look(replace(stage.look, fog=False))  # seen from so far away
     shaded, debug = (stage.render(camera, size_px, view) for view in ("shaded", DEBUG_VIEWS[algorithm]))
     middle = size_px[0] // 2
     picture = np.concatenate([shaded[:, :middle], debug[:, middle:]], axis=1)
@@ -116,7 +114,7 @@ def _closer(heightfield: Heightfield, aspect: float) -> Camera:
     width, depth = heightfield.extent_m
     middle = np.array([width / 2, sum(heightfield.height_range_m) / 2, depth / 2])
     x, y, z = (camera.eye_m + NEARER * (middle - camera.eye_m)).tolist()
-    return replace(camera, position_m=(x, y, z), pitch_deg=camera.pitch_deg - TILT_DEG)
+    return replace(camera, position_m=(x, y, z))
 
 
 def measure(session: Session) -> dict[str, Any]:

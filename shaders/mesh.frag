@@ -24,10 +24,13 @@ const float v_level = 0.0;
 void main() {
     write_surface(v_position_m, v_ground, v_level);
 #ifdef LOG_DEPTH
-#ifdef OUTPUT_FLAT
-    gl_FragDepth = depth_at(0.998 / gl_FragCoord.w);  // polygon offset does not reach a depth that is written
-#else
-    gl_FragDepth = depth_at(1.0 / gl_FragCoord.w);
+    float view_depth_m = 1.0 / gl_FragCoord.w;
+#if defined(OUTPUT_FLAT)
+    view_depth_m *= 0.9995;  // as in lib/emit.glsl
+#elif defined(BELOW_LINES)
+    // Polygon offset does not reach a depth that is written. So the ground gives way, by what depth changes in a pixel.
+    view_depth_m += max(abs(dFdx(view_depth_m)), abs(dFdy(view_depth_m)));
 #endif
+    gl_FragDepth = depth_at(view_depth_m);
 #endif
 }

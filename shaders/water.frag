@@ -12,11 +12,13 @@ uniform sampler2D u_ground;
 in vec2 v_screen;
 out vec4 out_colour;
 
-// Depth of the water [m] above the ground at a post; ground without data and beyond the grid counts as deep.
+// Depth of the water [m] above the ground at a post; ground without data and beyond the grid counts as deep. So does
+// ground well above the water: it hides that, unless one looks in below the terrain's edge.
 float water_depth(vec2 post) {
     float deep_m = 4.0 * u_water.y;
     if (any(lessThan(post, vec2(0.0))) || any(greaterThan(post, u_grid.xy - 1.0))) return deep_m;
-    float depth_m = max(u_water.x - surface_height(post), 0.0);
+    float depth_m = u_water.x - surface_height(post);
+    depth_m = mix(max(depth_m, 0.0), deep_m, smoothstep(1.0, 2.0, -depth_m / u_water.y));
 #ifdef HOLES
     depth_m = mix(deep_m, depth_m, smoothstep(0.2, 0.9, textureLod(u_ground, (post + 0.5) / u_grid.xy, 0.0).a));
 #endif

@@ -30,6 +30,8 @@ MAX_SIDE = 8200
 MAX_POSTS = 70_000_000
 STRIP_POSTS = 1 << 22
 """Posts read between two words about the progress."""
+TEXT_BYTES = 1 << 20
+"""Bytes of a text file that are looked at in one go."""
 MAX_BLOCK_ROW_BYTES = 300 << 20
 """GDAL holds one row of blocks in memory, or decodes each block once per row of posts."""
 MAX_DECODED_BYTES = 4 << 30
@@ -287,6 +289,30 @@ def _read_numbers(
     if raster.stored == np.uint8 and dataset.scales[0] == 1.0:
         raster.notes.append("Heights have 8 bits: whole units only, so slopes come in steps.")
     raster.values = _read_strips(dataset, area)
+    if dataset.driver == "GRASSASCIIGrid":
+        first, step = raster.factor // 2, raster.factor  # the posts that GDAL reads
+        stars = _find_stars(path, dataset.shape)[first::step, first::step]
+        raster.values[stars[: len(raster.values), : raster.values.shape[1]]] = np.nan
+
+
+def _find_stars(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Posts (rows, cols) for which a GRASS text grid says ``*``, no data; GDAL takes them for 0."""
+    found = np.zeros(math.prod(shape), np.bool_)
+    with path.open("rb") as file:
+        body = 0
+        while b":" in file.readline():  # the header
+            body = file.tell()
+        file.seek(body)
+        begin, cut_off = 0, b""
+        while begin < found.size and (text := file.read(TEXT_BYTES)):
+            text = cut_off + text
+            words = text.split()
+            cut_off = b"" if text[-1:].isspace() else words.pop()
+            stars = [word == b"*" for word in words[: found.size - begin]]
+            found[begin : begin + len(stars)] = stars
+            begin += len(stars)
+        found[begin : begin + 1] = cut_off == b"*"  # where the file ends without a line break
+    return found.reshape(shape)
 
 
 def _read_strips(dataset: Any, area: dict[str, Any]) -> Floats32:

@@ -305,6 +305,8 @@ class Stage:
             target.framebuffer.clear(depth=0.0)
             self._overlays.draw_overdraw(counts, self.draws_legends and frame.corner_px == (0, 0))
         else:
+            if view == "wireframe" and not self.gpu.reversed_z:
+                self.gpu.programs.shading_defines["BELOW_LINES"] = 1  # until the next frame
             self._draw_surface(replace(frame, output=output), target)
         if output == "shaded" and view != "error":
             self._draw_surroundings()

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
 
 from app.flying.controls import Clearance
 from terrain.camera import Camera
 from terrain.heightfield import Heightfield
 
-FRAME_YAW_DEG, FRAME_PITCH_DEG = 20.0, -24.0
+Floats = npt.NDArray[np.float64]
+
+FRAME_YAW_DEG, FRAME_PITCH_DEG = 20.0, -30.0
+FRAME_FILLED = 0.9  # share of the picture's width or height that the terrain takes
 LEAST_CLEARANCE_SPACINGS = 0.06  # 1.8 m above posts 30 m apart: eye height
 
 
@@ -29,15 +37,31 @@ def least_clearance_m(heightfield: Heightfield) -> float:
 
 
 def frame_terrain(heightfield: Heightfield, aspect: float = 16 / 9, fov_deg: float = 60.0) -> Camera:
-    """The camera that sees the whole terrain from the south-south-west, a little from above."""
-    width, depth = heightfield.extent_m
-    low, high = heightfield.height_range_m
-    radius = 0.5 * math.hypot(width, depth, high - low)
-    half_angle = math.atan(math.tan(math.radians(fov_deg) / 2) * min(1.0, aspect))
-    # Seen flat, a terrain fills far less than its bounding sphere: 0.8 of the sphere's distance still shows it all.
-    distance = 0.8 * radius / math.sin(half_angle)
+    """The camera that sees the whole terrain from the south-south-west, a little from above, as large as can be."""
     camera = Camera((0.0, 0.0, 0.0), FRAME_YAW_DEG, FRAME_PITCH_DEG, 0.0, fov_deg)
-    x, y, z = (width / 2, (low + high) / 2, depth / 2) - distance * camera.forward
-    return Camera(
-        (float(x), max(float(y), high + 0.01 * radius), float(z)), FRAME_YAW_DEG, FRAME_PITCH_DEG, 0.0, fov_deg
-    )
+    (west, east), (north, south) = _data_extent_m(heightfield)
+    corners = np.array(list(product((west, east), heightfield.height_range_m, (north, south))))
+    x, y, z = (corners @ camera.view_from_eye().T).T  # right, up and towards the eye
+    half_y = FRAME_FILLED * math.tan(math.radians(fov_deg) / 2)
+    away = max(_fitting(x, z, half_y * aspect), _fitting(y, z, half_y)) - z
+    eye = np.array([_centred(x, away), _centred(y, away), (away + z)[0]]) @ camera.view_from_eye()
+    return replace(camera, position_m=tuple(eye.tolist()))
+
+
+def _data_extent_m(heightfield: Heightfield) -> list[tuple[float, float]]:
+    """From where to where the terrain holds data, west to east and north to south."""
+    data = np.True_ if heightfield.holes is None else ~heightfield.holes
+    found = [np.flatnonzero(np.broadcast_to(data, heightfield.heights_m.shape).any(axis=axis)) for axis in (0, 1)]
+    return [(at[0] * step, at[-1] * step) for at, step in zip(found, heightfield.spacing_m, strict=True)]
+
+
+def _fitting(side: Floats, z: Floats, half: float) -> float:
+    """How far back an eye must stand so that every point lies within ``half`` times its distance to either side."""
+    return float(np.max(half * z - side) + np.max(half * z + side)) / (2 * half)
+
+
+def _centred(side: Floats, away: Floats) -> float:
+    """Where to the side the eye must stand so that points reach equally far to the picture's two edges."""
+    reach = np.subtract.outer(side, side) / np.add.outer(away, away)
+    i, j = np.unravel_index(reach.argmax(), reach.shape)  # the two that reach farthest
+    return float((side[i] * away[j] + side[j] * away[i]) / (away[i] + away[j]))

@@ -1,11 +1,13 @@
 // Sky and haze, in display colours. Include after lib/frame.glsl.
 
-// Colour of the sky along a unit ray: pale at the horizon, deep at the zenith, warm around the sun; haze below.
+// Colour of the sky along a unit ray: pale at the horizon, deep at the zenith, warm around the sun; below it haze, the
+// darker the steeper one looks down, so that the terrain stands out.
 vec3 sky_colour(vec3 ray) {
     float towards_sun = max(dot(ray, u_sun.xyz), 0.0);
     vec3 glow = u_sunlight.rgb * (0.05 * pow(towards_sun, 8.0) + 0.10 * pow(towards_sun, 64.0));
     vec3 above = mix(u_horizon.rgb, u_zenith.rgb, 1.0 - exp2(-4.5 * max(ray.y, 0.0)));
-    return mix(above, u_fog_colour.rgb, smoothstep(0.0, 0.12, -ray.y)) + glow;
+    vec3 below = u_fog_colour.rgb * (1.0 + vec3(0.45, 0.36, 0.26) * min(ray.y, 0.0));
+    return mix(above, below, smoothstep(0.0, 0.12, -ray.y)) + glow;
 }
 
 #ifdef FOG
@@ -19,7 +21,8 @@ float transmission(float x) {
 }
 
 // Haze between the eye and a point, of the colour of the sky at the horizon. It costs a software rasteriser as much as
-// all other shading, so it is one exponential: the same at every height, unless the look asks for more.
+// all other shading, so it is one exponential: the same at every height, unless the look asks for more. What the eye's
+// own height takes away from it is a constant of the frame (terrain/gpu/frame_block.py).
 vec3 apply_fog(vec3 colour, vec3 position_m) {
     float distance_m = length(position_m);
 #ifdef HEIGHT_FOG

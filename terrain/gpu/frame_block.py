@@ -48,7 +48,7 @@ class Look:
     sun: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     sunlight: tuple[float, ...] = (1.8, 1.6, 1.2, 0.0)
     sky_light: tuple[float, ...] = (0.3, 0.4, 0.5, 0.0)
-    fog: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    fog: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # w: falloff as the eye rises [1/m]; the rest as in the shader
     fog_colour: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     zenith: tuple[float, ...] = (0.3, 0.5, 0.8, 1.0)
     horizon: tuple[float, ...] = (0.8, 0.9, 1.0, 1.0)
@@ -97,7 +97,14 @@ def pack_frame(frame: Frame, heightfield: Heightfield, look: Look) -> np.ndarray
     block["ray"][1:, 3] = np.square(block["ray"][1:, :3]).sum(axis=1)
     for field in fields(look):
         block[field.name] = getattr(look, field.name)
-    # Haze at the eye: a constant of the frame. Below the haze's own floor it grows no further.
-    density, floor_m, falloff, _ = look.fog
-    block["fog"][3] = density * np.exp(-falloff * max(y - floor_m, 0.0))
+    # Haze at the eye, and its mean from there to the floor: constants of the frame. Below the floor it stays the same.
+    density, floor_m, falloff, eye_falloff = look.fog
+    above_m = max(y - floor_m, 0.0)
+    block["fog"][0] = density * mean_density(eye_falloff * above_m)
+    block["fog"][3] = density * np.exp(-falloff * above_m)
     return block
+
+
+def mean_density(rise: float) -> float:
+    """Mean of ``exp(-h)`` over heights from 0 to ``rise``: of haze along any straight line between the two."""
+    return float(-np.expm1(-rise) / rise) if rise > 1e-9 else 1.0

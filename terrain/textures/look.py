@@ -21,6 +21,9 @@ from terrain.textures.palettes import PALETTES
 BOLD_EVERY = 5  # contour lines: every fifth is an index line, as on maps
 CONTOUR_LINES = 16  # aimed at between the lowest and the highest point when the interval is automatic
 VISIBLE_CONTRAST = 3.912  # -ln 0.02: at the visibility 2 % of the contrast is left (Koschmieder)
+# Automatic haze, as shares of the terrain's diagonal: on the ground it parts ridge from ridge; an eye that rises looks
+# through ever less of it, so that the whole terrain seen from afar keeps four fifths of its colours.
+AUTOMATIC_VISIBILITY, AUTOMATIC_HAZE_HEIGHT = 2.0, 0.04
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,11 @@ class LookSettings:
     )
     fog: bool = setting(True, "Haze", "Air that takes colour from what is far.")
     visibility_km: float = setting(
-        0.0, "Visibility", "Distance at which haze has nearly hidden the ground; 0 adapts it to the terrain.",
+        0.0, "Visibility", "Distance at which haze has nearly hidden the ground; 0 suits the terrain and the eye.",
         unit="km", range=(0.0, 500.0),
     )  # fmt: skip
     fog_height_m: float = setting(
-        0.0, "Haze height", "Height over which haze thins out; 0 keeps it the same at every height.",
+        0.0, "Haze height", "Height over which haze thins out; 0 keeps it the same all over a picture.",
         unit="m", range=(0.0, 5000.0),
     )  # fmt: skip
     contours: bool = setting(False, "Contour lines", "Lines of equal height; every fifth is bold.")
@@ -96,8 +99,6 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield) -> Look:
     low, high = heightfield.height_range_m
     relief_m = max(high - low, 1.0)
     sunlight, sky_light, zenith, horizon, haze = _sky_colours(look.sun_elevation_deg)
-    visibility_m = 1e3 * look.visibility_km or 1.6 * math.hypot(*heightfield.extent_m)
-    fog_height_m = max(look.fog_height_m, 1.0) * heightfield.exaggeration
     interval_m = look.contour_interval_m or automatic_interval_m(relief_m / heightfield.exaggeration)
     return Look(
         sun=(*sun_direction(look), 1.0),
@@ -106,10 +107,21 @@ def look_uniforms(look: LookSettings, heightfield: Heightfield) -> Look:
         zenith=(*zenith, 1.0),
         horizon=(*horizon, 1.0),
         fog_colour=(*haze, 1.0),
-        fog=(VISIBLE_CONTRAST / visibility_m, low, 1.0 / fog_height_m, 0.0),
+        fog=_haze(look, heightfield),
         contour=(interval_m * heightfield.exaggeration, BOLD_EVERY, 1.0, heightfield.exaggeration),
         water=(look.water_level_m * heightfield.exaggeration, min(0.003 * relief_m, 4.0), 0.0, 0.0),
     )
+
+
+def _haze(look: LookSettings, heightfield: Heightfield) -> tuple[float, ...]:
+    """Density at the lowest ground [1/m], height of that [m], and by how much it falls off as a point and as the eye
+    rises [1/m]."""
+    low, high = heightfield.height_range_m
+    diagonal_m = math.hypot(*heightfield.extent_m, high - low)
+    density = VISIBLE_CONTRAST / (1e3 * look.visibility_km or AUTOMATIC_VISIBILITY * diagonal_m)
+    if look.fog_height_m > 0.0:
+        return density, low, 1.0 / (look.fog_height_m * heightfield.exaggeration), 0.0
+    return density, low, 0.0, 0.0 if look.visibility_km else 1.0 / (AUTOMATIC_HAZE_HEIGHT * diagonal_m)
 
 
 def _sky_colours(elevation_deg: float) -> tuple[tuple[float, ...], ...]:

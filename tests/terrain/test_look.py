@@ -10,10 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain.camera import Camera
+from terrain.frame import Frame
+from terrain.gpu.frame_block import mean_density, pack_frame
 from terrain.heightfield import Heightfield
 from terrain.scene import open_scene
 from terrain.stage import Stage
-from terrain.textures.look import LookSettings, automatic_interval_m, shading_defines, sun_direction
+from terrain.textures.look import LookSettings, automatic_interval_m, look_uniforms, shading_defines, sun_direction
 from terrain.textures.palettes import PALETTES, read_palette
 
 SIZE_PX = (160, 120)
@@ -128,6 +130,33 @@ def test_haze_takes_the_share_of_the_colour_that_koschmieder_says(staged):
         assert left == pytest.approx(np.exp(-3.912 * distance_m / 400.0), abs=0.01)
 
 
+@given(st.floats(0.0, 50.0))
+def test_mean_density_is_the_mean_of_haze_that_thins_out(rise):
+    height = (np.arange(20_000) + 0.5) / 20_000 * rise
+    assert mean_density(rise) == pytest.approx(np.exp(-height).mean(), rel=1e-5)
+
+
+def density(look, terrain, eye_height_m):
+    """Of the haze [1/m] that a frame with its eye above the lowest ground lays over every point."""
+    camera = Camera((0.0, terrain.height_range_m[0] + eye_height_m, 0.0))
+    return float(pack_frame(Frame(camera, SIZE_PX), terrain, look_uniforms(look, terrain))["fog"][0])
+
+
+def test_automatic_haze_parts_ridges_seen_from_the_ground_and_thins_as_the_eye_rises():
+    terrain = ramp(257)
+    diagonal_m = np.hypot(np.hypot(*terrain.extent_m), np.ptp(terrain.height_range_m))
+    low, higher, highest = (density(LookSettings(), terrain, rise * diagonal_m) for rise in (0.0, 0.02, 1.0))
+    assert low > higher > highest
+    assert 0.3 < np.exp(-low * 0.5 * diagonal_m) < 0.5
+    for rise in (1.0, 10.0, 1000.0):  # straight down through all of it, from however high
+        assert np.exp(-density(LookSettings(), terrain, rise * diagonal_m) * rise * diagonal_m) > 0.85
+
+
+def test_a_visibility_that_was_asked_for_is_the_same_from_every_height():
+    terrain, asked = ramp(), LookSettings(visibility_km=30.0)
+    assert density(asked, terrain, 0.0) == density(asked, terrain, 1e5) == pytest.approx(3.912 / 30e3)
+
+
 def test_a_slope_is_brighter_with_the_sun_on_it(staged):
     stage = staged(ramp())
     camera = from_above(stage.scene.heightfield)
@@ -175,6 +204,16 @@ def test_water_covers_exactly_what_lies_below_its_level(staged):
     inside = np.isfinite(world[..., 0])
     assert not changed[inside & (world[..., 1] > level_m + 1.0)].any()
     assert changed[inside & (world[..., 1] < level_m - 15.0)].all()
+
+
+def test_beside_the_terrain_and_below_its_edge_water_is_deep(staged):
+    terrain = ramp(129)  # its eastern edge stands 500 m above its western one
+    camera = Camera((1800.0, 1500.0, 640.0), -90.0, -50.0)  # from the east, in below the high edge
+    stage = staged(terrain, replace(CLEAR, water=True, water_level_m=100.0))
+    sea = stage.render(camera, SIZE_PX).astype(int)[np.isnan(stage.positions(camera, SIZE_PX)[..., 0])]
+    stage.set_look(CLEAR)
+    assert len(sea) > 0.3 * SIZE_PX[0] * SIZE_PX[1]
+    assert np.ptp(sea.mean(axis=-1)) < 40  # the backdrop shines through nowhere
 
 
 def test_contours_lie_at_multiples_of_their_interval(staged):

@@ -271,6 +271,17 @@ def test_complex_numbers_are_refused(tmp_path):
         read_heightfield(path)
 
 
+@pytest.mark.parametrize("chunk", [1 << 20, 7])
+def test_asterisks_of_a_grass_grid_are_holes_and_zeros_are_not(tmp_path, monkeypatch, chunk):
+    monkeypatch.setattr("terrain.raster.TEXT_BYTES", chunk)
+    header = "north: 200\nsouth: 170\neast: 340\nwest: 300\nrows: 3\ncols: 4\n"
+    path = tmp_path / "grass.asc"
+    path.write_text(f"{header}* 11 12 0\n20 * 22\n0 30 31 32 *")  # rows need not be lines
+    heightfield = read_quietly(path)
+    assert np.argwhere(heightfield.holes).tolist() == [[0, 0], [1, 1], [2, 3]]
+    assert heightfield.height_range_m == (0, 32)
+
+
 def test_grid_without_any_data_is_refused(tmp_path):
     path = write_tif(tmp_path / "a.tif", np.full((9, 9), -9999, np.int16), nodata=-9999)
     with pytest.raises(InputError, match="expected heights in a, found 81 posts without data"):
@@ -406,7 +417,7 @@ def test_the_volcano_in_degrees_covers_the_same_ground(dem):
         ("yosemite_1025_gray16.png", (1025, 1025), (113, 3968)),
         ("yosemite_1025_le.r16", (1025, 1025), (113, 3968)),
         ("hugo_site.asc", (55, 76), (1660, 1711)),
-        ("spearfish_dem.asc.gz", (477, 634), (0, 1840)),
+        ("spearfish_dem.asc.gz", (477, 634), (1066, 1840)),
     ],
 )
 def test_real_terrains_open(dem, name, shape, heights_m):

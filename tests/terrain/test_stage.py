@@ -108,11 +108,10 @@ def test_logarithmic_depth_gives_the_picture_of_reversed_z(gpu, view):
     fallback.release()
     gpu.prepare_state()
     difference = np.abs(pictures[0] - pictures[1]).max(axis=-1)
-    if view == "shaded":
-        assert difference.max() <= 1
+    if view == "wireframe":  # the hardware's bias of lines is not to the last bit that of the shader
+        assert (difference > 8).mean() < 0.002
     else:
-        # Lines are biased by other means, and stand out more where less haze lies over them.
-        assert (difference > 64).mean() < 0.05
+        assert difference.max() <= 1
     assert np.array_equal(np.isnan(worlds[0]), np.isnan(worlds[1]))
     assert np.nanmax(np.abs(worlds[0] - worlds[1])) < 1e-3
 
