@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.flying.controls import Inputs
+from app.places.framing import FRAME_PITCH_DEG
 from app.viewer.gamepad import ACTS, DEAD_ZONE, DOWN, RIGHT_BUMPER, UP, Gamepad, Pad, pad_help, stick, trigger, with_pad
 
 AXES = ("LEFT_X", "LEFT_Y", "RIGHT_X", "RIGHT_Y", "LEFT_TRIGGER", "RIGHT_TRIGGER")  # in GLFW's order
@@ -125,7 +126,7 @@ def test_buttons_do_what_the_help_says(session):
     press("back")
     assert session.layout.shows_help
     press("start")
-    assert session.camera.pitch_deg == pytest.approx(-24.0)
+    assert session.camera.pitch_deg == pytest.approx(FRAME_PITCH_DEG)
     press("left bumper")
     assert "bookmarks" in session.message
     assert {help_text for _, help_text in pad_help()} >= {act.help for act in ACTS}

@@ -8,6 +8,7 @@ import pytest
 from imgui_bundle import imgui
 from ui_harness import UiHarness
 
+from app.places.framing import FRAME_PITCH_DEG
 from app.viewer import gui
 from app.viewer.keys import HELD, bindings
 from app.windows.drawing import figures
@@ -188,7 +189,7 @@ def test_buttons_do_what_they_say(ui, tmp_path):
         ctx.item_click("Picture")
         assert len(list(tmp_path.glob("*.png"))) == 1
         ctx.item_click("Home")
-        assert ui.session.camera.pitch_deg == pytest.approx(-24.0)
+        assert ui.session.camera.pitch_deg == pytest.approx(FRAME_PITCH_DEG)
         ctx.item_click("Keys")
         assert ui.session.layout.shows_help
 
@@ -253,7 +254,7 @@ def test_keys_freeze_record_play_save_frame_and_help(ui, tmp_path):
         press("F12")
         assert len(list(tmp_path.glob("*.png"))) == 2
         press("Home")
-        assert session.camera.pitch_deg == pytest.approx(-24.0)
+        assert session.camera.pitch_deg == pytest.approx(FRAME_PITCH_DEG)
         press("H")
         assert session.layout.shows_help
         press("Escape")
