@@ -14,6 +14,22 @@ settings.load_profile("any machine")
 DEMS = Path(os.environ.get("RELIEFSCOPE_DEMS", Path(__file__).resolve().parents[2] / "shared" / "dems"))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def cache_of_the_run(tmp_path_factory):
+    """No test finds what an earlier run, or the person who runs it, has in the cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RELIEFSCOPE_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    """A cache that is empty at first; its folder."""
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(folder))
+    return folder
+
+
 @pytest.fixture(scope="session")
 def dem():
     """``dem("N37W120.hgt")``: the path of a real terrain; the test is skipped where it is absent."""

@@ -27,7 +27,7 @@ def waves(amplitude_m, level_m, wavelength_posts=20.0, side=64):
     return level_m + amplitude_m * (np.sin(row) + np.cos(0.7 * col + row / 3)) / 2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     amplitude_m=st.floats(0, 3000),
     level_m=st.floats(-4000, 5000),

@@ -475,7 +475,7 @@ def test_the_tour_of_odd_terrains_stays_above_ground(heightfield):
 
 
 @given(st.integers(0, 2**32), st.integers(2, 40), st.integers(2, 40), st.floats(0, 300))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_the_tour_of_any_rough_terrain_stays_above_ground(seed, rows, cols, relief):
     heightfield = rough(rows, cols, 0, relief, 10.0, seed)
     assert clearance_m(demo_flight(heightfield), heightfield).min() > 0.0

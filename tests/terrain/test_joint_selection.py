@@ -33,7 +33,7 @@ TREE, CULLER = load_tree(TERRAIN), Culler(SCENE, FINEST_LEVEL)
 IMAGE = TextureTree((5000, 4000), whole_extent(TERRAIN), TERRAIN.spacing_m)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     x=st.floats(-300, 2900), z=st.floats(-300, 2300), y=st.floats(5, 3000), yaw=st.floats(0, 360),
     pitch=st.floats(-90, 10), tau=st.floats(0.25, 8), tau_px2=st.floats(0.25, 16),
@@ -64,8 +64,7 @@ def test_alpha_and_gamma_are_within_their_thresholds_and_no_finer(x, z, y, yaw, 
 
 
 @pytest.fixture
-def stage(gpu, tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def stage(gpu):
     stage = Stage(gpu, SCENE, "multiresolution", MultiresolutionSettings())
     yield stage
     stage.release()

@@ -30,7 +30,7 @@ def node_maximum(values: np.ndarray, level: int, shape: tuple[int, int]) -> np.n
     return np.array([values[i * n : (i + 1) * n + 1, j * n : (j + 1) * n + 1].max() for i, j in nodes]).reshape(shape)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(2, 150), st.integers(2, 150), st.integers(0, 2**31))
 def test_errors_are_the_largest_distance_at_a_post_and_monotone(rows: int, cols: int, seed: int) -> None:
     heights = rough(rows, cols, seed)
@@ -49,7 +49,7 @@ def test_errors_are_the_largest_distance_at_a_post_and_monotone(rows: int, cols:
             np.testing.assert_allclose(found, expected, atol=slack)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(2, 150), st.integers(2, 150), st.integers(0, 2**31))
 def test_minimum_and_maximum_are_those_of_the_posts(rows: int, cols: int, seed: int) -> None:
     heights = rough(rows, cols, seed)
@@ -85,32 +85,29 @@ def test_scaling_a_pyramid_is_the_pyramid_of_the_scaled_terrain() -> None:
         np.testing.assert_allclose(a, b, rtol=1e-5)
 
 
-def test_a_pyramid_comes_back_from_the_cache_unchanged(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def test_a_pyramid_comes_back_from_the_cache_unchanged(own_cache) -> None:
     terrain = Heightfield(rough(300, 280, 2), (30.0, 30.0))
     built, loaded = load_pyramid(terrain), load_pyramid(terrain)
-    assert list(tmp_path.glob("pyramids/*.npz"))
+    assert list(own_cache.glob("pyramids/*.npz"))
     for name in ("minimum_m", "maximum_m", "error_m"):
         for a, b in zip(getattr(built, name), getattr(loaded, name), strict=True):
             np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a zip", None])
-def test_a_damaged_entry_is_built_again(tmp_path, monkeypatch, damage) -> None:
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def test_a_damaged_entry_is_built_again(own_cache, damage) -> None:
     terrain = Heightfield(rough(300, 280, 3), (30.0, 30.0))
     built = load_pyramid(terrain)
-    (entry,) = tmp_path.glob("pyramids/*.npz")
+    (entry,) = own_cache.glob("pyramids/*.npz")
     entry.write_bytes(entry.read_bytes()[:-2000] if damage is None else damage)
     np.testing.assert_array_equal(load_pyramid(terrain).error_m[3], built.error_m[3])
 
 
-def test_the_cache_drops_its_oldest_entries_and_keeps_the_newest(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def test_the_cache_drops_its_oldest_entries_and_keeps_the_newest(own_cache, monkeypatch) -> None:
     monkeypatch.setattr(cache._drop_oldest, "__defaults__", (50_000,))
     for i in range(5):
         assert cache.store_arrays("kind", f"key{i}", {"a": np.full(5000, i, np.float32)})
-    kept = {path.stem for path in tmp_path.glob("kind/*.npz")}
+    kept = {path.stem for path in own_cache.glob("kind/*.npz")}
     assert "key4" in kept
     assert "key0" not in kept
 

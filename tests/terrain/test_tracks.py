@@ -93,7 +93,7 @@ def test_kml_lines_and_gx_tracks_are_read_with_their_altitude_modes(tmp_path):
         min_size=2, max_size=6,
     )
 )  # fmt: skip
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_an_exported_tour_comes_back_as_it_was(tmp_path_factory, shots):
     keys = [Keyframe(2.0 * i, Camera((x, y, z), a, b, c, f)) for i, (x, y, z, a, b, c, f) in enumerate(shots)]
     flight = make_flight(keys, "there & <back>", PLACED)
@@ -162,7 +162,7 @@ def test_bad_tracks_are_told_in_one_line(tmp_path, name):
 
 
 @given(st.binary(max_size=300), st.sampled_from([".gpx", ".kml", ".csv"]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_bytes_are_a_track_or_one_line(tmp_path_factory, data, suffix):
     path = tmp_path_factory.getbasetemp() / f"any{suffix}"
     path.write_bytes(data)

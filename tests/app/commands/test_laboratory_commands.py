@@ -6,8 +6,8 @@ import csv
 import json
 
 import pytest
+from command_line import run
 
-from app.__main__ import main
 from app.commands import laboratory
 from terrain.measure import hostile, stability
 from terrain.measure.reproduce import Claim, Reproduction, Table
@@ -16,13 +16,6 @@ from terrain.renderers import RENDERERS
 from terrain.renderers.reference import ReferenceRenderer
 
 SMALL = ["--frames", "2", "--size", "64x48", "--algorithms", "geomorph"]
-
-
-@pytest.fixture(autouse=True)
-def own_folder(tmp_path, monkeypatch):
-    """Each test works in an empty folder, with a cache of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -34,14 +27,6 @@ def two_cases(monkeypatch):
     monkeypatch.setattr(stability, "hostile_paths", lambda terrain: {n: paths(terrain)[n] for n in wanted})
     monkeypatch.setattr(stability, "SEARCH_RANDOM", 2)
     monkeypatch.setattr(stability, "SEARCH_STEPS", 2)
-
-
-def run(*words):
-    """Exit status of one command, also where argparse leaves by itself."""
-    try:
-        return main([str(word) for word in words])
-    except SystemExit as left:
-        return left.code
 
 
 def test_chart_writes_tables_charts_and_a_report(tmp_path, capsys, monkeypatch):

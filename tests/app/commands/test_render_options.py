@@ -8,26 +8,17 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from command_line import run
 from PIL import Image
 
-from app.__main__ import main
 from app.output.whereabouts import KEYWORD
 
 SMALL = ["--size", "64x36"]
 
 
 @pytest.fixture(autouse=True)
-def own_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "way.csv").write_text("t,x,y,z\n0,100,200,100\n1,120,200,120\n9,900,200,900\n")
-
-
-def run(*words):
-    try:
-        return main([str(word) for word in words])
-    except SystemExit as left:
-        return left.code
+def track(own_folder):
+    (own_folder / "way.csv").write_text("t,x,y,z\n0,100,200,100\n1,120,200,120\n9,900,200,900\n")
 
 
 def picture(name):

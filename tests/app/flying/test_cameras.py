@@ -28,8 +28,8 @@ from app.flying.cameras import (
 from app.flying.controls import PITCH_LIMIT_DEG, Inputs, Motion, move
 from terrain.camera import Camera
 
-few = settings(max_examples=12, deadline=None)  # where a second is flown in frames
-some = settings(max_examples=30, deadline=None)
+few = settings(max_examples=12)  # where a second is flown in frames
+some = settings(max_examples=30)
 ASPECT = 16 / 9
 LEAST_M = 2.0
 EXTENT_M = (4000.0, 3000.0)

@@ -89,7 +89,7 @@ class Editing(RuleBasedStateMachine):
 
 
 TestEditing = Editing.TestCase
-TestEditing.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
+TestEditing.settings = settings(max_examples=25, stateful_step_count=20)
 
 
 def test_undo_leads_back_to_the_beginning_and_redo_to_the_end():

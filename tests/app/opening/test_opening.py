@@ -14,8 +14,7 @@ from terrain.flight import demo_flight
 
 
 @pytest.mark.parametrize("scene", ["waves:65", "waves:65:3"])
-def test_cached_scene_is_the_scene(scene, tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def test_cached_scene_is_the_scene(scene, own_cache, monkeypatch):
     args = argparse.Namespace(terrain=scene, encoding=None, raw=None, spacing=None, height_scale=1.0)
     made = open_terrain(args)
     with monkeypatch.context() as patch:
@@ -34,8 +33,7 @@ def test_a_file_is_opened_with_the_options_given(tmp_path):
     assert (opened.rows, opened.cols, opened.spacing_m) == (3, 4, (5.0, 5.0))
 
 
-def test_a_tour_found_before_is_the_same_from_the_cache(hills, tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def test_a_tour_found_before_is_the_same_from_the_cache(hills, own_cache, monkeypatch):
     found = open_tour(hills)
     assert found == demo_flight(hills)
     monkeypatch.setattr("app.opening.flight.demo_flight", None)

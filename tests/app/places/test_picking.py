@@ -28,7 +28,6 @@ def plane(east, south, rows=12, cols=15):
     return Heightfield((500.0 + east * x + south * z).astype(np.float32), SPACING_M)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 20), unit, unit, st.floats(61.0, 2000.0), inner, inner, st.sampled_from(DIAGONALS))
 def test_the_picked_point_is_the_first_of_the_surface_on_the_ray(seed, ex, ez, height, tx, tz, diagonal):
     terrain = rough(seed)
@@ -49,7 +48,7 @@ def test_the_picked_point_is_the_first_of_the_surface_on_the_ray(seed, ex, ez, h
     assert not (before[:, 1] < ground - least).any()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 5), unit, unit)
 def test_straight_down_is_the_height_of_the_ground(seed, x, z):
     terrain = rough(seed)
@@ -138,7 +137,7 @@ def test_slope_and_aspect_at_posts_are_those_of_gdal(tmp_path):
 # Profiles
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 5), unit, unit, unit, unit)
 def test_profiles_are_exact_between_their_points_too(seed, ax, az, bx, bz):
     terrain = rough(seed)

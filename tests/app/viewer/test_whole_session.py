@@ -13,7 +13,7 @@ import av
 import numpy as np
 import pytest
 from PIL import Image
-from test_window import desktop, wait_for  # noqa: F401 (a fixture)
+from waiting import wait_for
 
 from terrain.flight import read_flight
 from terrain.geotiff import write_geotiff
@@ -97,7 +97,7 @@ def flights_in(folder):
     return sorted(folder.glob("*.flight.json"), key=lambda path: path.stat().st_mtime)
 
 
-def test_a_whole_session_from_opening_to_coming_back(desktop, tmp_path):  # noqa: F811
+def test_a_whole_session_from_opening_to_coming_back(desktop, tmp_path):
     environment = {**desktop, "RELIEFSCOPE_CONFIG": str(tmp_path / "config")}
     write_geotiff(make_scene("waves", 65, 0), tmp_path / "dem.tif")
 

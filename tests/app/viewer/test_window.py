@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import subprocess
 import sys
 import time
@@ -11,37 +9,12 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import wait_for
 
 from app.session.preferences import PreferenceFile
 from app.viewer.window import Window, WindowError, explain_no_window
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Xvfb and xdotool are for X11")
-PATIENCE_S = 60.0
-
-
-@pytest.fixture
-def desktop(tmp_path):
-    """A virtual screen; the environment that shows windows on it."""
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed (apt-get install xvfb xdotool)")
-    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x720x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    number = server.stdout.readline().strip()  # the first display that is free, told when it is ready
-    environment = {**os.environ, "DISPLAY": f":{number}", "RELIEFSCOPE_CACHE": str(tmp_path / "cache")}
-    environment.pop("WAYLAND_DISPLAY", None)
-    yield environment
-    server.terminate()
-    server.communicate(timeout=10)
-
-
-def wait_for(condition, what):
-    """Poll until ``condition()`` is neither None nor False, and return it; the machine may be slow."""
-    end = time.monotonic() + PATIENCE_S
-    while (value := condition()) is None or value is False:
-        assert time.monotonic() < end, f"waited {PATIENCE_S} s in vain for {what}"
-        time.sleep(0.05)
-    return value
 
 
 def test_a_person_flies_looks_switches_records_and_leaves(desktop, tmp_path):

@@ -89,7 +89,7 @@ def test_no_visible_point_is_culled(stage, split_ratio) -> None:
         assert hidden > 0.15 * total  # or horizon culling does nothing
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.floats(-500, 6000), st.floats(-50, 2000), st.floats(-500, 4000), st.floats(0, 360), st.floats(-90, 90),
     st.floats(-180, 180), st.floats(3, 150),

@@ -29,7 +29,7 @@ def check(mesh: Delaunay) -> None:
     assert len(set(points)) == len(points)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(size=st.sampled_from([1, 2, 4, 7, LARGEST]), data=st.data())
 def test_any_points_of_a_grid_give_a_delaunay_triangulation(size, data):
     mesh = Delaunay(size)

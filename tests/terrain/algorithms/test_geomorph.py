@@ -115,7 +115,7 @@ def assert_watertight(scene: Scene, tiles: Tiles) -> None:
             assert a == b
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.floats(-2000, 8000), st.floats(5, 4000), st.floats(-2000, 6000), st.floats(0, 360), st.floats(-90, 30),
     st.sampled_from([8, 16, 32, 64]), st.sampled_from([0.5, 1.0, 2.0, 8.0, 40.0]), st.booleans(),
@@ -125,7 +125,7 @@ def test_any_view_is_watertight(x, y, z, yaw, pitch, cells, tolerance, join) -> 
     assert_watertight(SCENE, tiles)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16, 32]), st.booleans())
 def test_any_assignment_of_levels_is_watertight(seed, cells, join) -> None:
     """Levels far from what any view would choose, as when one side reverses a morph before the other has ended."""
@@ -143,7 +143,7 @@ def test_any_assignment_of_levels_is_watertight(seed, cells, join) -> None:
     assert_watertight(SCENE, Tiles(*(a[inside] for a in tiles)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.floats(0, 5000), st.floats(100, 4000), st.floats(0, 4000), st.floats(0.25, 8), st.sampled_from([8, 16, 32, 64])
 )

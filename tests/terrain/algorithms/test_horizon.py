@@ -33,7 +33,7 @@ def crossed(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.maximum(np.maximum(to_x[0], to_z[0]), 1e-9), np.maximum(np.minimum(to_x[1], to_z[1]), 1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.integers(0, 2**32 - 1), st.floats(1, 119), st.floats(1, 119), st.floats(0, 360), st.booleans(),
     st.sampled_from([32, 1024]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_painter import coordinates, doubled_area, eyes_over, violations
+from painter_orders import coordinates, doubled_area, eyes_over, levels_over, violations
 
 from terrain.algorithms.painter import foot_at, order_strips, rank_tiles
 from terrain.algorithms.painter_errors import build_level_errors
@@ -25,17 +25,6 @@ from terrain.algorithms.painter_levels import (
 from terrain.heightfield import surface_heights
 
 TILE = 8
-
-
-def levels_over(shape: tuple[int, int], seed: int, highest: int = 2) -> np.ndarray:
-    """Levels that differ by at most one between neighbours, with every kind of corner."""
-    random = np.random.default_rng(seed)
-    levels = random.integers(0, highest + 1, shape)
-    for _ in range(highest):
-        padded = np.pad(levels, 1, mode="edge")
-        low = np.minimum.reduce([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
-        levels = np.minimum(levels, low + 1)
-    return levels
 
 
 def terrain_triangles(levels: np.ndarray, col: float, row: float) -> np.ndarray:
@@ -59,7 +48,7 @@ def test_levels_and_fans_are_in_order_for_every_kind_of_eye(seed):
 
 
 @given(seed=st.integers(0, 10_000), col=coordinates, row=coordinates)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_levels_and_fans_are_in_order_for_any_eye(seed, col, row):
     assert violations(terrain_triangles(levels_over((3, 4), seed), col, row), col, row) == 0
 
@@ -158,7 +147,7 @@ def test_errors_are_no_larger_than_what_is_drawn(pair):
 
 
 @given(seed=st.integers(0, 1000), allowed=st.floats(0.0, 30.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_selected_levels_keep_the_tolerance_with_their_fans(seed, allowed):
     random = np.random.default_rng(seed)
     heights = (random.normal(0, 1, (25, 33)) * random.uniform(0, 10, (25, 33))).astype(np.float32)

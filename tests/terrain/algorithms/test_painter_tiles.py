@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_painter import code, coordinates, doubled_area, eyes_over, triangles_of_strips, violations
-from test_painter_levels import levels_over
+from painter_orders import code, coordinates, doubled_area, eyes_over, levels_over, triangles_of_strips, violations
 
 from terrain.algorithms.painter import FIXED_FOOT, foot_at
 from terrain.algorithms.painter_errors import build_level_errors
@@ -45,7 +44,7 @@ def triangles_of_index_buffers(foot, tiles: Tiles, grid: TileGrid) -> np.ndarray
 
 
 @given(col=coordinates, row=coordinates)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_index_buffers_are_in_order_for_any_eye(col, row):
     grid = TileGrid((20, 28), 2)
     triangles = triangles_of_index_buffers(foot_at(col, row), all_tiles(grid), grid)
@@ -116,7 +115,7 @@ def test_no_tiles_need_no_calls():
 
 
 @given(rows=st.integers(1, 40), cols=st.integers(1, 40), seed=st.integers(0, 100))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_triangles_are_counted_as_they_are_drawn(rows, cols, seed):
     grid = TileGrid((rows, cols), 3)
     allowed_m = np.random.default_rng(seed).choice([-1.0, 1.0], grid.shape)

@@ -167,7 +167,7 @@ def test_smooth_surfaces_are_met_where_marching_meets_them(interpolation):
 
 
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=7))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_first_descent_is_the_first_place_where_the_polynomial_falls_to_zero(coefficients):
     is_above = coefficients[0] > 0
     root, after = first_descent(np.array([coefficients]), np.array([is_above]))

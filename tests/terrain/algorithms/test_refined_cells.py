@@ -116,7 +116,7 @@ def test_line_without_heights_lies_on_the_surface():
 coordinate = st.integers(-3 * 4, 44 * 4).map(lambda n: n / 4) | st.floats(-5, 45)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(lines=st.lists(st.lists(st.tuples(coordinate, coordinate, st.floats(-50, 50)), min_size=2, max_size=5),
                       min_size=1, max_size=3))  # fmt: skip
 def test_any_lines_leave_a_whole_mesh(lines):
@@ -181,8 +181,7 @@ def test_a_crowd_of_lines_in_one_cell_is_refused():
         refine(hills(), *lines)
 
 
-def test_refined_cells_from_the_cache_equal_those_made(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def test_refined_cells_from_the_cache_equal_those_made(own_cache, monkeypatch):
     monkeypatch.setattr(refined_cells, "KEPT_CELLS", 10)
     terrain, shape = hills(), padded_shape(33, 41, TOP)
     lines = Breaklines((np.array([[3.3, 4.7, 50.0], [25.6, 19.1, 60.0]]),))

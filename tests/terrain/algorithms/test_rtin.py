@@ -47,7 +47,7 @@ def pad_to(heights: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 grids = st.tuples(st.integers(2, 40), st.integers(2, 40), st.integers(0, 2**32 - 1))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(grid=grids, top=st.integers(1, 5), rung=st.integers(0, 90))
 def test_mesh_error_never_exceeds_its_rungs_error(grid, top, rung):
     rows, cols, seed = grid
@@ -61,7 +61,7 @@ def test_mesh_error_never_exceeds_its_rungs_error(grid, top, rung):
     assert error.max() <= rtin.ladder.error_m(rung) + 1e-5
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(grid=grids, level=st.integers(1, 3), rung=st.integers(0, 80))
 def test_neighbours_on_one_rung_fit_without_t_vertices(grid, level, rung):
     heights = rough(*grid)

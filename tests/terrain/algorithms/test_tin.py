@@ -38,7 +38,7 @@ def largest_error(tin: Tin, heights: np.ndarray, samples: int = 40) -> float:
     return float(np.abs(z - truth).max())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), error=st.floats(0.05, 3.0), side=st.sampled_from([5, 9, 17]))
 def test_error_stays_within_the_allowed_one_between_the_posts_too(seed, error, side):
     heights = rough(side, seed)
@@ -50,7 +50,7 @@ def test_error_stays_within_the_allowed_one_between_the_posts_too(seed, error, s
     assert areas.sum() == 2 * (side - 1) ** 2
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), share=st.floats(0, 1))
 def test_rim_has_exactly_the_vertices_it_was_given(seed, share):
     heights, rim = rough(9, seed), rim_of(9, seed, share)

@@ -59,7 +59,7 @@ def gaps_of(rtin: Rtin, patches: Patches, heights: np.ndarray) -> Spans:
     return spans
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), spread=st.integers(0, 60), gaps=st.floats(0, 0.3))
 def test_walls_reach_from_the_higher_edge_to_the_lower_and_stand_nowhere_else(seed, spread, gaps):
     heights = rough(65, seed)

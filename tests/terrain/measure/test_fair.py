@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from generators import finish
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,15 +37,6 @@ def stage(gpu):
     stage = Stage(gpu, open_scene(Heightfield(heights, (20.0, 25.0))), "reference")
     yield stage
     stage.release()
-
-
-def finish(steps):
-    """The value a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stopped:
-            return stopped.value
 
 
 def find(figure, wanted, falls=False):

@@ -18,11 +18,6 @@ def hills(rows: int, cols: int) -> Heightfield:
     return Heightfield((20 * np.sin(row / 5.0) * np.cos(col / 7.0)).astype(np.float32), (10.0, 10.0), name="hills")
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
-
-
 def test_every_shading_is_measured_with_and_without_detail(gpu):
     plan = Plan((64, 32), 1300, (500, 250), (640, 320), frames=2, window_px=(96, 72), rounds=1)
     cameras = [Camera((160.0, 60.0, 600.0), 0.0, -15.0), Camera((100.0, 90.0, 500.0), 30.0, -20.0)]

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from terrain.measure import reproduce_painter
 from terrain.measure.reproduce import format_table, write_reproduction
 from terrain.measure.reproduce_painter import PAPER, PAPER_RANDOMNESS, Plan, benchmark_terrain, compare_modes, measure
 from terrain.renderers.painter import PainterRenderer
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path / "cache"))
 
 
 def test_every_table_figure_and_claim_is_there(gpu, tmp_path, monkeypatch):

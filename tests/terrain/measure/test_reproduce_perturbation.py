@@ -9,8 +9,7 @@ from terrain.measure import reproduce_perturbation as table1
 
 
 @pytest.fixture
-def small(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
+def small(monkeypatch):
     monkeypatch.setattr(table1, "CELLS", (32, 64))
     monkeypatch.setattr(table1, "GROWTH_LIMITS", ())
     monkeypatch.setattr(table1, "SIZE_PX", (96, 54))

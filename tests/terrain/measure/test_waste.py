@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from generators import finish
 
 from terrain.camera import Camera
 from terrain.heightfield import Heightfield
@@ -16,15 +17,6 @@ from terrain.stage import Stage
 
 SIZE_PX = (240, 160)
 SPACING_M = 10.0
-
-
-def finish(steps):
-    """The value a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stopped:
-            return stopped.value
 
 
 def plane_from(gpu, height_m):

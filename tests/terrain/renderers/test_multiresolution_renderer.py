@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -35,24 +36,9 @@ def cliffs() -> Heightfield:
     return Heightfield(heights, (10.0, 10.0))
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
-
-
 @pytest.fixture
-def stage_of(gpu) -> Iterator:
-    stages = []
-
-    def make(terrain: Heightfield, **chosen) -> Stage:
-        stage = Stage(gpu, open_scene(terrain), "reference")
-        stage.set_renderer("multiresolution", MultiresolutionSettings(**chosen))
-        stages.append(stage)
-        return stage
-
-    yield make
-    for stage in stages:
-        stage.release()
+def stage_of(stages):
+    return partial(stages, "multiresolution")
 
 
 def views(terrain: Heightfield) -> list[Camera]:

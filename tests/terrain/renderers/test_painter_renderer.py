@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 import moderngl
 import numpy as np
 import pytest
+from painter_orders import doubled_area, eyes_over, violations
 from scipy.ndimage import minimum_filter
 
 from terrain.algorithms.painter import Foot, foot_at
@@ -23,11 +23,7 @@ from terrain.gpu.programs import FRAME_BINDING, SHADERS, UNITS, flatten
 from terrain.gpu.targets import create_target
 from terrain.heightfield import Heightfield
 from terrain.renderers.painter import PainterRenderer, PainterSettings
-from terrain.scene import open_scene
 from terrain.stage import Stage
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "algorithms"))
-from test_painter import doubled_area, eyes_over, violations
 
 SIZE = (96, 64)
 
@@ -64,22 +60,9 @@ def differing(a: np.ndarray, b: np.ndarray) -> int:
     return int((np.abs(a.astype(int) - b.astype(int)).max(-1) > 1).sum())
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
-
-
 @pytest.fixture
-def stage_of(gpu):
-    stages = []
-
-    def make(terrain: Heightfield, **chosen) -> Stage:
-        stages.append(Stage(gpu, open_scene(terrain), "painter", PainterSettings(**chosen)))
-        return stages[-1]
-
-    yield make
-    for stage in stages:
-        stage.release()
+def stage_of(stages):
+    return partial(stages, "painter")
 
 
 def pictures(stage: Stage, camera: Camera, **chosen) -> tuple[np.ndarray, np.ndarray]:

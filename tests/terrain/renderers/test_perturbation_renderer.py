@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import moderngl
 import numpy as np
 import pytest
@@ -21,23 +23,9 @@ SIZE = (161, 101)  # odd: a ray along the sight line itself
 EXACT = {"detail": False}
 
 
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
-
-
 @pytest.fixture
-def stage_of(gpu):
-    stages = []
-
-    def make(terrain, planes=(), **chosen):
-        stages.append(Stage(gpu, open_scene(terrain, planes), "perturbation", PerturbationSettings(**chosen)))
-        return stages[-1]
-
-    yield make
-    for stage in stages:
-        stage.release()
-    assert gpu.ctx.error == "GL_NO_ERROR"
+def stage_of(stages):
+    return partial(stages, "perturbation")
 
 
 def ridges(rows=70, cols=131, spacing=(10.0, 12.0)):

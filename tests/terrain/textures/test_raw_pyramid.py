@@ -17,9 +17,8 @@ PIXELS = np.random.default_rng(0).integers(0, 256, (1300, 700, 3), np.uint8)
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIEFSCOPE_CACHE", str(tmp_path))
-    return tmp_path / "textures"
+def folder(own_cache):
+    return own_cache / "textures"
 
 
 def pyramid():

@@ -53,7 +53,6 @@ def test_gamma_of_level_ground_below_is_the_area_of_its_projection():
     assert gamma == pytest.approx(side_px**2, rel=1e-6)
 
 
-@settings(deadline=None)
 @given(st.floats(-35.0, 35.0), st.floats(-15.0, 15.0))
 def test_gamma_is_the_projected_area_anywhere_in_the_picture(across_deg, up_deg):
     tree, eye = tree_of((100_000, 100_000)), np.array([5000.0, 1000.0, 5000.0])
@@ -69,7 +68,6 @@ def test_gamma_is_the_projected_area_anywhere_in_the_picture(across_deg, up_deg)
     assert gamma[0] == pytest.approx(area, rel=0.02)
 
 
-@settings(deadline=None)
 @given(SIZES, EYES, st.floats(0.25, 16.0))
 def test_levels_are_the_coarsest_within_the_tolerance(size, eye, tolerance):
     tree, frame = tree_of(size), frame_at(eye)
@@ -80,7 +78,7 @@ def test_levels_are_the_coarsest_within_the_tolerance(size, eye, tolerance):
     assert ((gamma * 4.0 ** (level + 1) > tolerance * (1 - 1e-9)) | (level == tree.top_level)).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(SIZES, EYES, st.sampled_from([0.0, 0.3]), st.integers(1, 40))
 def test_every_cell_under_a_box_is_covered_by_one_wanted_tile_no_coarser_than_the_box_needs(size, eye, turn, count):
     c, s = np.cos(turn) * 0.0013, np.sin(turn) * 0.0013
@@ -103,7 +101,6 @@ def test_every_cell_under_a_box_is_covered_by_one_wanted_tile_no_coarser_than_th
         assert int(tree.number_of(level, row >> level, col >> level)) in wanted
 
 
-@settings(deadline=None)
 @given(SIZES, EYES)
 def test_ancestors_come_before_their_descendants_and_near_tiles_first(size, eye):
     tree = tree_of(size)
@@ -117,14 +114,12 @@ def test_ancestors_come_before_their_descendants_and_near_tiles_first(size, eye)
         assert place[int(tree.number_of(level[i] + 1, row[i] // 2, col[i] // 2))] < i
 
 
-@settings(deadline=None)
 @given(SIZES, EYES, st.integers(1, 60))
 def test_no_more_tiles_are_wanted_than_there_is_room_for(size, eye, room):
     chosen = select_tiles(tree_of(size), *boxes(), frame_at(eye), 0.05, room)
     assert 1 <= len(chosen.tiles) <= room
 
 
-@settings(deadline=None)
 @given(st.integers(2, 12), st.lists(st.integers(0, 30), min_size=1, max_size=120))
 def test_the_least_recently_used_slot_is_given_away(count, tiles):
     slots, order = Slots(count), []
@@ -153,7 +148,7 @@ def test_slots_needed_in_this_frame_are_never_given_away():
     assert slots.take(0, 3, frame=6) is not None
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(SIZES, st.integers(0, 2**32 - 1))
 def test_a_cell_shows_its_finest_resident_ancestor_that_is_no_finer_than_wanted(size, seed):
     rng = np.random.default_rng(seed)
@@ -173,7 +168,7 @@ def test_a_cell_shows_its_finest_resident_ancestor_that_is_no_finer_than_wanted(
             assert shown[i] == tree.locate(expected)[0]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(SIZES, EYES, st.integers(1, 6))
 def test_splitting_keeps_all_visible_ground_and_never_asks_for_more(size, eye, count):
     tree, frame = tree_of(size), frame_at(eye)

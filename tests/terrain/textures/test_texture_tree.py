@@ -18,7 +18,6 @@ def tree_of(size):
     return TextureTree(size, WHOLE, (10.0, 10.0))
 
 
-@settings(deadline=None)
 @given(SIZES)
 def test_the_coarsest_level_is_one_tile_and_the_one_before_is_not(size):
     tree = tree_of(size)
@@ -27,7 +26,6 @@ def test_the_coarsest_level_is_one_tile_and_the_one_before_is_not(size):
     assert max(tree.level_size(tree.top_level)) <= TILE_PX
 
 
-@settings(deadline=None)
 @given(SIZES)
 def test_tiles_of_every_level_cover_the_image_and_none_lies_beside_it(size):
     tree = tree_of(size)
@@ -37,7 +35,6 @@ def test_tiles_of_every_level_cover_the_image_and_none_lies_beside_it(size):
         assert (rows - 1) * reach < size[1] <= rows * reach
 
 
-@settings(deadline=None)
 @given(SIZES, st.data())
 def test_numbers_name_tiles_uniquely(size, data):
     tree = tree_of(size)
@@ -56,7 +53,6 @@ def test_images_beyond_the_page_table_are_refused():
         tree_of((MOST_CELLS * TILE_PX + 1, 1))
 
 
-@settings(deadline=None)
 @given(st.integers(1, 33), st.integers(1, 33), st.integers(0, 2**32 - 1))
 def test_a_coarser_texel_is_the_mean_of_those_below_it(rows, cols, seed):
     pixels = np.random.default_rng(seed).integers(0, 256, (rows, cols, 4), np.uint8)
@@ -67,7 +63,7 @@ def test_a_coarser_texel_is_the_mean_of_those_below_it(rows, cols, seed):
         assert np.abs(half[row, col] - block.mean(axis=(0, 1))).max() <= 0.5
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 600), st.integers(1, 600), st.data())
 def test_tiles_and_their_borders_hold_the_levels_texels(width, height, data):
     pixels = np.random.default_rng(width * height).integers(0, 256, (height, width, 3), np.uint8)
