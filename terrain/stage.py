@@ -136,19 +136,7 @@ class Stage:
         self._uniforms = self._find_uniforms()
 
     def set_layers(self, layers: LayerStack, sources: Mapping[str, TileSource]) -> None:
-        """Show layers over the ground.
-
-        Parameters
-        ----------
-        layers : LayerStack
-        sources : mapping
-            The image of every name that a layer shown refers to.
-
-        Raises
-        ------
-        InputError
-            If there are more of them, or more images, than can be shown at once; then nothing has changed.
-        """
+        """Show layers over the ground: see `Drape.lay`."""
         self.drape.lay(layers, sources)
         self._uniforms = self._find_uniforms()
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from imgui_bundle import imgui, imgui_ctx
+from imgui_bundle import imgui
 
 from app.session.session import Session
-from app.windows.widgets import Form, button
+from app.windows.widgets import Form, button, figures_table
 from terrain.renderers import RENDERERS
 from terrain.views import VIEWS
 
@@ -87,15 +87,7 @@ def _draw_statistics(session: Session) -> None:
         size = -1.0, 3.0 * imgui.get_font_size()
         imgui.plot_lines("##Frame times", times, 0, f"{recent:.1f} ms", 0.0, top, size)
         imgui.set_item_tooltip("Time to choose and draw each picture; the graph begins at 0 ms.")
-    with imgui_ctx.begin_table("figures", 2):
-        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, FIGURE_EM * imgui.get_font_size())
-        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
-        for name, value in figures(session):
-            imgui.table_next_row()
-            imgui.table_next_column()
-            imgui.text_disabled(name)
-            imgui.table_next_column()
-            imgui.text(value)
+    figures_table("figures", figures(session), FIGURE_EM)
 
 
 def figures(session: Session) -> list[tuple[str, str]]:

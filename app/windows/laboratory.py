@@ -16,11 +16,11 @@ from app.session.experiments import FRAMES_RANGE
 from app.session.session import Session
 from app.windows.chart import colour_of, draw_chart
 from app.windows.theme import bad, good, ink, packed
-from app.windows.widgets import Form, button
+from app.windows.widgets import Form, button, figures_table
 from terrain.measure.strip import POP_SHARE, find_marks, slow_limit_ms
 from terrain.renderers import RENDERERS
 
-LABEL_EM = 7.0
+LABEL_EM, WASTE_EM = 7.0, 11.0
 WANTED_PX, WANTED_MS = (0.25, 16.0), (1.0, 200.0)
 _WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.6)  # over the picture, in both themes
 _FIXED = (
@@ -148,19 +148,11 @@ def _draw_comparison(session: Session) -> None:
 
 def _draw_waste(session: Session) -> None:
     """What the view cost against what it needs."""
-    lab, em = session.experiments, imgui.get_font_size()
+    lab = session.experiments
     imgui.begin_disabled(lab.is_busy)
     button("Meter this view", "Count what this view cost against what it needs (takes seconds).", lab.meter_waste)
     imgui.end_disabled()
-    with imgui_ctx.begin_table("waste", 2):
-        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, 11.0 * em)
-        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
-        for name, value in waste_figures(session):
-            imgui.table_next_row()
-            imgui.table_next_column()
-            imgui.text_disabled(name)
-            imgui.table_next_column()
-            imgui.text_unformatted(value)
+    figures_table("waste", waste_figures(session), WASTE_EM)
 
 
 def waste_figures(session: Session) -> list[tuple[str, str]]:

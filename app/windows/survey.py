@@ -6,14 +6,14 @@ What its widgets do lives in `app.session.survey`.
 from __future__ import annotations
 
 import numpy as np
-from imgui_bundle import imgui, imgui_ctx, implot
+from imgui_bundle import imgui, implot
 
 from app.places.coordinates import Coordinates, latlon, metres, wind
 from app.places.picking import Profile
 from app.session.session import Session
 from app.session.survey import Point
 from app.windows.theme import ink
-from app.windows.widgets import button
+from app.windows.widgets import button, figures_table
 
 NAME_EM, PLOT_EM = 7.0, 11.0
 GROUND_COLOUR = (1.0, 0.55, 0.1, 1.0)
@@ -26,7 +26,7 @@ def draw_survey(session: Session) -> None:
     if point is None:
         _draw_note("Click the ground to pick a point (I: the middle of the picture).")
     else:
-        _draw_rows("point", point_rows(point, survey.coordinates))
+        figures_table("point", point_rows(point, survey.coordinates), NAME_EM)
         button("Copy", "Copy the point to the clipboard, as text.", lambda: _copy(point, survey.coordinates))
         imgui.same_line()
         button("Fly there", "Fly to the picked point (J).", survey.fly_to_point)
@@ -47,7 +47,7 @@ def draw_survey(session: Session) -> None:
     imgui.same_line()
     button("Clear", "Take the line away.", survey.forget_line)
     _draw_profile(session, profile)
-    _draw_rows("line", line_rows(profile))
+    figures_table("line", line_rows(profile), NAME_EM)
 
 
 def point_rows(point: Point, coordinates: Coordinates) -> list[tuple[str, str]]:
@@ -118,17 +118,3 @@ def _draw_note(text: str) -> None:
 
 def _copy(point: Point, coordinates: Coordinates) -> None:
     imgui.set_clipboard_text("\n".join(f"{name}: {value}" for name, value in point_rows(point, coordinates)))
-
-
-def _draw_rows(label: str, rows: list[tuple[str, str]]) -> None:
-    with imgui_ctx.begin_table(label, 2) as table:
-        if not table:
-            return
-        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, NAME_EM * imgui.get_font_size())
-        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
-        for name, value in rows:
-            imgui.table_next_row()
-            imgui.table_next_column()
-            imgui.text_disabled(name)
-            imgui.table_next_column()
-            imgui.text_unformatted(value)

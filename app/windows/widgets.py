@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field, replace
 from typing import Any
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 _dragged: dict[str, Any] = {}  # what sliders show whose value counts only when the mouse lets go
 
@@ -99,3 +99,18 @@ def button(title: str, told: str, act: Callable[[], Any]) -> None:
         act()
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         imgui.set_tooltip(told)
+
+
+def figures_table(label: str, rows: Iterable[tuple[str, str]], name_em: float) -> None:
+    """Names, ``name_em`` wide, and their values."""
+    with imgui_ctx.begin_table(label, 2) as table:
+        if not table:
+            return
+        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, name_em * imgui.get_font_size())
+        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
+        for name, value in rows:
+            imgui.table_next_row()
+            imgui.table_next_column()
+            imgui.text_disabled(name)
+            imgui.table_next_column()
+            imgui.text_unformatted(value)
