@@ -13,7 +13,7 @@ from terrain.errors import InputError
 
 def info(args: argparse.Namespace) -> None:
     """Tell what a terrain is, and what was decided while reading it."""
-    from terrain.describe import describe, describe_text
+    from terrain.files.describe import describe, describe_text
 
     heightfield = open_terrain(args)
     print(json.dumps(describe(heightfield), indent=2) if args.json else describe_text(heightfield))
@@ -22,7 +22,7 @@ def info(args: argparse.Namespace) -> None:
 def make(args: argparse.Namespace) -> None:
     """Write an embedded scene as GeoTIFF."""
     from app.output.capture import refuse_existing
-    from terrain.geotiff import write_geotiff
+    from terrain.files.geotiff import write_geotiff
     from terrain.synthetic import SCENES, make_scene
 
     if args.name not in SCENES:

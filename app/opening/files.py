@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from app.opening.terrain import open_terrain
-from terrain.encodings import detect
 from terrain.errors import InputError
+from terrain.files.encodings import detect
 from terrain.flight.track_files import TRACK_SUFFIXES
 from terrain.heightfield import Heightfield
 from terrain.progress import tell

@@ -38,7 +38,7 @@ def open_terrain(args: argparse.Namespace) -> Heightfield:
         hint = f"Did you mean {near[0]}?" if near else f"The scenes are {', '.join(SCENES)}."
         raise InputError(f"Expected a terrain file or an embedded scene, found neither for {name!r}. {hint}")
 
-    from terrain.sources import read_heightfield
+    from terrain.files.sources import read_heightfield
 
     return read_heightfield(
         path, encoding=args.encoding, raw=args.raw, spacing_m=args.spacing, height_scale=args.height_scale

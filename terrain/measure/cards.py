@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from terrain.files.geotiff import write_geotiff
 from terrain.flight import Flight, Keyframe, write_flight
-from terrain.geotiff import write_geotiff
 from terrain.measure.hostile import FRAME_S
 from terrain.measure.results import write_text
 from terrain.measure.stability import SIZE_PX, Checker, Verdict

@@ -15,8 +15,8 @@ from app.flying.controls import Inputs
 from app.session.loader import Loader
 from app.viewer.window import Window
 from terrain import progress
+from terrain.files.geotiff import write_geotiff
 from terrain.flight import read_flight, write_flight
-from terrain.geotiff import write_geotiff
 from terrain.synthetic import make_scene
 
 
@@ -88,7 +88,7 @@ def test_a_terrain_that_cannot_be_shown_leaves_the_old_one(session, opened, wave
 
 
 def test_reading_tells_how_far_it_is_and_can_be_cancelled(session, opened, tmp_path, monkeypatch):
-    monkeypatch.setattr("terrain.raster.STRIP_POSTS", 1)
+    monkeypatch.setattr("terrain.files.raster.STRIP_POSTS", 1)
     path = tmp_path / "large.tif"
     write_geotiff(make_scene("flat", 600, 0), path)
     told, ended = [], []
@@ -97,7 +97,7 @@ def test_reading_tells_how_far_it_is_and_can_be_cancelled(session, opened, tmp_p
         told.append((doing, share))
 
     with progress.listening(listen):
-        from terrain.sources import read_heightfield
+        from terrain.files.sources import read_heightfield
 
         read_heightfield(path)
     shares = [share for doing, share in told if doing == "reading"]
@@ -115,7 +115,7 @@ def test_reading_tells_how_far_it_is_and_can_be_cancelled(session, opened, tmp_p
             ended.append(doing)
             raise
 
-    monkeypatch.setattr("terrain.raster.tell", slow)
+    monkeypatch.setattr("terrain.files.raster.tell", slow)
     session.loader.open(session, [path])
     job = session.loader._job
     while job.doing != "reading":

@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 from waiting import wait_for
 
+from terrain.files.geotiff import write_geotiff
 from terrain.flight import read_flight
-from terrain.geotiff import write_geotiff
 from terrain.synthetic import make_scene
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Xvfb and xdotool are for X11")

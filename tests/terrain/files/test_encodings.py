@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from terrain.encodings import detect, heights_from_rgb
 from terrain.errors import InputError
-from terrain.sources import read_heightfield
+from terrain.files.encodings import detect, heights_from_rgb
+from terrain.files.sources import read_heightfield
 
 
 def terrarium(heights):

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from terrain.describe import describe, describe_text
 from terrain.errors import InputError
-from terrain.geotiff import write_geotiff
+from terrain.files.describe import describe, describe_text
+from terrain.files.geotiff import write_geotiff
+from terrain.files.sources import read_heightfield
 from terrain.heightfield import Georeference, Heightfield
-from terrain.sources import read_heightfield
 
 pytest.importorskip("rasterio")
 

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from terrain.encodings import ENCODINGS, Encoding
 from terrain.errors import InputError
+from terrain.files.encodings import ENCODINGS, Encoding
+from terrain.files.placement import DEFAULT_SPACING_M, Placement, flipped, place
+from terrain.files.raster import Raster, read_raster
+from terrain.files.raw import RAW_SUFFIXES, apply_beside, read_beside, read_npy, read_npz, read_raw
+from terrain.files.unpack import unpacked
+from terrain.files.voids import find_voids
 from terrain.heightfield import Heightfield, fill_holes
-from terrain.placement import DEFAULT_SPACING_M, Placement, flipped, place
 from terrain.progress import tell
-from terrain.raster import Raster, read_raster
-from terrain.raw import RAW_SUFFIXES, apply_beside, read_beside, read_npy, read_npz, read_raw
-from terrain.unpack import unpacked
-from terrain.voids import find_voids
 
 _HIGHEST_M = 1e7
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from terrain.errors import InputError
-from terrain.sources import read_heightfield
-from terrain.unpack import choose_entry
+from terrain.files.sources import read_heightfield
+from terrain.files.unpack import choose_entry
 
 
 @pytest.mark.parametrize(

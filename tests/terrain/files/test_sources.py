@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from terrain.errors import InputError
-from terrain.sources import read_heightfield
+from terrain.files.sources import read_heightfield
 
 rasterio = pytest.importorskip("rasterio")
 UTM = "EPSG:32611"
@@ -273,7 +273,7 @@ def test_complex_numbers_are_refused(tmp_path):
 
 @pytest.mark.parametrize("chunk", [1 << 20, 7])
 def test_asterisks_of_a_grass_grid_are_holes_and_zeros_are_not(tmp_path, monkeypatch, chunk):
-    monkeypatch.setattr("terrain.raster.TEXT_BYTES", chunk)
+    monkeypatch.setattr("terrain.files.raster.TEXT_BYTES", chunk)
     header = "north: 200\nsouth: 170\neast: 340\nwest: 300\nrows: 3\ncols: 4\n"
     path = tmp_path / "grass.asc"
     path.write_text(f"{header}* 11 12 0\n20 * 22\n0 30 31 32 *")  # rows need not be lines
@@ -294,7 +294,7 @@ def test_impossible_heights_are_refused(tmp_path):
 
 
 def test_large_grid_is_thinned_and_stays_in_place(tmp_path, monkeypatch):
-    monkeypatch.setattr("terrain.raster.MAX_SIDE", 100)
+    monkeypatch.setattr("terrain.files.raster.MAX_SIDE", 100)
     row, col = np.mgrid[0:250, 0:301]
     heights = (row * 2 + col).astype(np.float32)
     path = write_tif(tmp_path / "a.tif", heights, (10, 0, 0, 0, -10, 0))

@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.errors import InputError
-from terrain.raster import MAX_DECODED_BYTES, Raster, reduction, reduction_note
-from terrain.unpack import unpack_member
+from terrain.files.raster import MAX_DECODED_BYTES, Raster, reduction, reduction_note
+from terrain.files.unpack import unpack_member
 
 Endian = Literal["<", ">"]
 

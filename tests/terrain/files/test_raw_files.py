@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from terrain.errors import InputError
-from terrain.sources import read_heightfield
+from terrain.files.sources import read_heightfield
 
 
 def hills(rows=20, cols=30):
@@ -152,7 +152,7 @@ def test_json_with_a_wrong_layout_gives_one_line(tmp_path, text):
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_large_array_is_thinned_without_shifting_it(tmp_path, monkeypatch, order):
-    monkeypatch.setattr("terrain.raster.MAX_SIDE", 100)
+    monkeypatch.setattr("terrain.files.raster.MAX_SIDE", 100)
     heights = hills(250, 301)
     np.save(tmp_path / "a.npy", np.asarray(heights, order=order))
     found = read_heightfield(tmp_path / "a.npy")

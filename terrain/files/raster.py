@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from terrain import encodings
 from terrain.errors import InputError
+from terrain.files import encodings
 from terrain.progress import Cancelled, tell
 
 Floats32 = npt.NDArray[np.float32]

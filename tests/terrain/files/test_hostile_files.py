@@ -147,7 +147,7 @@ def test_archives_leave_nothing_behind_and_write_nowhere_else(made):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     from terrain.errors import InputError
-    from terrain.sources import read_heightfield
+    from terrain.files.sources import read_heightfield
 
     os.mkfifo(tmp_path / "pipe.tif")
     with pytest.raises(InputError, match="found a device"):

@@ -15,7 +15,7 @@ LIMIT_S = 20
 def outcome(path: str) -> str:
     """ "terrain", the line of an InputError, or the traceback of anything else."""
     from terrain.errors import InputError
-    from terrain.sources import read_heightfield
+    from terrain.files.sources import read_heightfield
 
     try:
         heightfield = read_heightfield(path)
@@ -29,7 +29,7 @@ def outcome(path: str) -> str:
 def main() -> None:
     import rasterio  # noqa: F401  (once, before the children)
 
-    import terrain.sources  # noqa: F401
+    import terrain.files.sources  # noqa: F401
 
     for path in sys.argv[1:]:
         result, errors = os.memfd_create("result"), os.memfd_create("errors")

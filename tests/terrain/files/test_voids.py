@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain.voids import SENTINELS, find_voids
+from terrain.files.voids import SENTINELS, find_voids
 
 
 def hills(low=100.0, high=2000.0):
