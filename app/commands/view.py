@@ -13,7 +13,6 @@ from app.opening.terrain import open_terrain
 from terrain.heightfield import Heightfield
 
 DEFAULT_SCENE = "alps"
-DEFAULT_SIZE_PX = (1280, 720)
 TOUR_FRAMES, TOUR_SIZE_PX, TOUR_FPS = 96, (960, 540), 24
 
 
@@ -27,7 +26,7 @@ def view(args: argparse.Namespace) -> None:
     with ThreadPoolExecutor(1) as pool:
         terrain = pool.submit(_open_ahead, args)  # while the window is made
         try:
-            window = Window(args.size or DEFAULT_SIZE_PX)
+            window = Window(args.size)
         except WindowError as reason:
             print(f"{reason} Filming the demo flight off screen instead.", flush=True)
             _film_tour(terrain.result(), drawing, read_flight_for(args, terrain.result()), args.size or TOUR_SIZE_PX)

@@ -21,6 +21,7 @@ from terrain.errors import InputError
 from terrain.gpu.context import Gpu, explain_missing_gl
 from terrain.heightfield import Heightfield
 
+DEFAULT_SIZE_PX = (1280, 720)  # where the screen has room for it
 AWAKE_S, AWAKE_WAIT_S, ASLEEP_WAIT_S = 1.5, 0.05, 1.0
 LOOK_AT_SHADERS_S = 0.4
 
@@ -34,7 +35,7 @@ class Window:
 
     Parameters
     ----------
-    size_px : tuple of int
+    size_px : tuple of int, optional
         ``(width, height)`` in screen coordinates.
 
     Raises
@@ -43,7 +44,7 @@ class Window:
         If there is no display, or a library or driver is missing.
     """
 
-    def __init__(self, size_px: tuple[int, int]) -> None:
+    def __init__(self, size_px: tuple[int, int] | None = None) -> None:
         if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise WindowError("There is no display for a window (neither DISPLAY nor WAYLAND_DISPLAY is set).")
         try:
@@ -58,10 +59,14 @@ class Window:
         with warnings.catch_warnings(record=True) as heard:  # GLFW's reasons arrive as warnings
             warnings.simplefilter("always")
             try:
-                self._window: Any = GlfwWindow(title="Reliefscope", size=size_px, gl_version=(3, 3), visible=False)
+                size = size_px or DEFAULT_SIZE_PX
+                self._window: Any = GlfwWindow(title="Reliefscope", size=size, gl_version=(3, 3), visible=False)
             except Exception as error:
                 reasons = "; ".join(str(warning.message) for warning in heard) or str(error)
                 raise WindowError(explain_no_window(reasons)) from None
+        if size_px is None:
+            room = glfw.get_monitor_workarea(glfw.get_primary_monitor())[2:]
+            self._window.size = tuple(min(wanted, there) for wanted, there in zip(DEFAULT_SIZE_PX, room, strict=True))
         self._window.exit_key = self._window.fullscreen_key = None
         self.gpu = Gpu(self._window.ctx)
         self._preferences = PreferenceFile(config_folder())
