@@ -65,8 +65,8 @@ class Window:
                 reasons = "; ".join(str(warning.message) for warning in heard) or str(error)
                 raise WindowError(explain_no_window(reasons)) from None
         if size_px is None:
-            room = glfw.get_monitor_workarea(glfw.get_primary_monitor())[2:]
-            self._window.size = tuple(min(wanted, there) for wanted, there in zip(DEFAULT_SIZE_PX, room, strict=True))
+            _, _, width_px, height_px = glfw.get_monitor_workarea(glfw.get_primary_monitor())
+            self._window.size = min(DEFAULT_SIZE_PX[0], width_px), min(DEFAULT_SIZE_PX[1], height_px)
         self._window.exit_key = self._window.fullscreen_key = None
         self.gpu = Gpu(self._window.ctx)
         self._preferences = PreferenceFile(config_folder())
