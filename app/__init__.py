@@ -1,0 +1,1 @@
+"""The window and the command line. Nothing in `terrain` knows of them."""

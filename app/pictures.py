@@ -119,7 +119,7 @@ def _closer(heightfield: Heightfield, aspect: float) -> Camera:
 
 def measure(session: Session) -> dict[str, Any]:
     """The runs that the laboratory measures, at a small size."""
-    lab = session.experiments
+    lab = session.laboratory
     session.draw(MEASURED_PX)
     lab.frames = CHART_FRAMES
     lab.measure_runs()

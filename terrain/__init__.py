@@ -2,7 +2,8 @@
 
 Layers, each importing only those to its right::
 
-    measure -> stage -> renderers -> {algorithms, textures, gpu} -> {pyramid, camera, flight, frame} -> heightfield
+    measure -> stage -> drape -> renderers -> {algorithms, textures -> gpu} -> {flight, scene} -> {pyramid, frame}
+    -> {camera, heightfield}
 
 No window library and no ImGui below this package; ``algorithms`` and everything to its right touch no OpenGL.
 """

@@ -1,6 +1,6 @@
 """A beside B: the picture and what another algorithm or setting makes of the same view, split or subtracted.
 
-A is what the session shows; B is a renderer of its own on the same stage. Knows no window and no ImGui.
+A is what the session shows; B is a renderer of its own on the same stage.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the window asks: whether unsaved edits are to be saved, and how a track is to be flown. No ImGui here."""
+"""What the window asks: whether unsaved edits are to be saved, and how a track is to be flown."""
 
 from __future__ import annotations
 

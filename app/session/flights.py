@@ -1,4 +1,4 @@
-"""The flight of a session: recorded, edited, played, saved. Knows no window and no ImGui.
+"""The flight of a session: recorded, edited, played, saved.
 
 Playback is a pure function of its time (`camera_at`): the window, films and pictures show the same at equal times.
 """

@@ -1,4 +1,4 @@
-"""What is going on, for the status line: each job says how far it is and how to stop it. Knows no window."""
+"""What is going on, for the status line: each job says how far it is and how to stop it."""
 
 from __future__ import annotations
 

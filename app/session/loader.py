@@ -1,7 +1,7 @@
 """Opening files while the window lives: a worker reads, and the window changes over when all is ready.
 
 A terrain becomes a new `Session`; until that one can be drawn the old one stays, and stays for good where the file is
-bad. A terrain whose file changes on disk is read again, under the same view. Knows no window and no ImGui.
+bad. A terrain whose file changes on disk is read again, under the same view.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Places in the window: going to a coordinate, and views kept as bookmarks. Knows no window and no ImGui."""
+"""Places in the window: going to a coordinate, and views kept as bookmarks."""
 
 from __future__ import annotations
 

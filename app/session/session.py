@@ -1,4 +1,4 @@
-"""What the window shows, and everything a key or a widget can do to it. Knows no window and no ImGui.
+"""What the window shows, and everything a key or a widget can do to it.
 
 One frame: `advance` moves the camera, `draw` brings the picture up to date. Nothing is drawn again while nothing
 changes; after a change the picture is kept alive for `SETTLE_S`, so that animated transitions come to their end.
@@ -24,10 +24,10 @@ from app.places.framing import frame_terrain, ground_m
 from app.session.algorithms import Algorithms
 from app.session.comparison import Comparison
 from app.session.dialogs import Dialogs
-from app.session.experiments import Experiments
-from app.session.exporter import Exporter
+from app.session.export import Exporter
 from app.session.flights import Flights
 from app.session.jobs import FAILURES, Jobs
+from app.session.laboratory import Laboratory
 from app.session.layers import Layers
 from app.session.layout import Layout
 from app.session.loader import Loader
@@ -96,7 +96,7 @@ class Session:
         self.jobs = Jobs()
         self.layout = Layout(self)
         self.comparison = Comparison()
-        self.experiments = Experiments(self)
+        self.laboratory = Laboratory(self)
         self.exporter = Exporter(self)
         self.dialogs = Dialogs(self)
         self.loader = Loader()
@@ -137,7 +137,7 @@ class Session:
     @property
     def is_asleep(self) -> bool:
         """Whether nothing at all is to be done until somebody does something."""
-        return self.is_still and not (self.experiments.wants_work or self.jobs)
+        return self.is_still and not (self.laboratory.wants_work or self.jobs)
 
     @property
     def height_above_ground_m(self) -> float:
@@ -185,7 +185,7 @@ class Session:
         self.jobs.work()
         if not self.is_still:
             self._draw_frame(size_px)
-        self.experiments.work()
+        self.laboratory.work()
         self.exporter.work()
         return self.picture
 
@@ -231,8 +231,8 @@ class Session:
         frozen = old.frozen is not None
         scene = old.scene.exaggerated(factor)
         look, algorithm, settings = old.look, self.algorithm, self.settings
-        self.experiments.close()
-        self.experiments = Experiments(self)  # what was measured holds no longer
+        self.laboratory.close()
+        self.laboratory = Laboratory(self)  # what was measured holds no longer
         self.comparison.release()
         self.algorithms.tuned = {}
         old.release()
@@ -350,7 +350,7 @@ class Session:
         """Save an unfinished recording and release the GPU's memory."""
         self.flights.close()
         self.exporter.close()
-        self.experiments.close()
+        self.laboratory.close()
         self.comparison.release()
         if self.picture is not None:
             self.picture.release()

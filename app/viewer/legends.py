@@ -1,4 +1,4 @@
-"""What the colours of each view mean, as swatches and words. Knows no window.
+"""What the colours of each view mean, as swatches and words.
 
 The colours are those of the shaders (``lib/debug.glsl``, ``view_overdraw.frag``, ``view_error.frag``); a test draws
 both and compares. All debug views use colours that colour-blind eyes tell apart.

@@ -1,1 +1,1 @@
-"""The contents of the windows, drawn with ImGui. What they show and do lives in `app.session`, under the same stem."""
+"""The contents of the windows, drawn with ImGui. What they show and do lives in `app.session`."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui, implot
 
-from app.session.experiments import run_point
+from app.session.laboratory import run_point
 from app.session.session import Session
 from app.windows.theme import Colour, ink, is_light
 from terrain.measure.chart import is_promise_kept, pareto_front, style
@@ -26,7 +26,7 @@ GREY: Colour = (0.6, 0.6, 0.6, 1.0)
 
 def draw_chart(session: Session) -> None:
     """Cost across, error up, both logarithmic; the current state moves as a dot with its trail."""
-    lab, em = session.experiments, imgui.get_font_size()
+    lab, em = session.laboratory, imgui.get_font_size()
     runs = [run for run in lab.runs if lab.chosen.get(run["algorithm"], True)]
     points = [_shown(*run_point(run)) for run in runs]
     flags = implot.Flags_.no_title | implot.Flags_.no_legend | implot.Flags_.no_menus | implot.Flags_.no_mouse_text
@@ -77,7 +77,7 @@ def _point_at_mouse(session: Session, runs: Sequence[Any], points: Sequence[tupl
         f"{title}, tolerance {run['settings']['tolerance_px']:g} px\n{ms:.1f} ms, {px:.3g} px; click: use"
     )
     if imgui.is_mouse_clicked(0):
-        session.experiments.choose_run(run)
+        session.laboratory.choose_run(run)
 
 
 def colour_of(algorithm: str) -> Colour:

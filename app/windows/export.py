@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from imgui_bundle import imgui
 
-from app.session.exporter import KINDS, Order
+from app.session.export import KINDS, Order
 from app.session.session import Session
 from app.windows.widgets import Form, button
 

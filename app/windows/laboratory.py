@@ -1,6 +1,6 @@
 """The laboratory panel, drawn with ImGui: promise, chart, fair switching, A beside B, waste, the flight.
 
-Everything it shows and does lives in `app.session.experiments` and `app.session.comparison`; here are only widgets.
+Everything it shows and does lives in `app.session.laboratory` and `app.session.comparison`; here are only widgets.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 from imgui_bundle import imgui, imgui_ctx
 
 from app.session.comparison import DIVIDER_RANGE, MODES
-from app.session.experiments import FRAMES_RANGE
+from app.session.laboratory import FRAMES_RANGE
 from app.session.session import Session
 from app.windows.chart import colour_of, draw_chart
 from app.windows.theme import bad, good, ink, packed
@@ -41,7 +41,7 @@ def draw_laboratory(session: Session) -> None:
 
 def _draw_promise(session: Session) -> None:
     """A gauge: the largest error behind the delivered one, and the promise as a line across."""
-    found = session.experiments.delivered
+    found = session.laboratory.delivered
     em = imgui.get_font_size()
     width, height = imgui.get_content_region_avail().x, 0.8 * em
     imgui.text("Promise")
@@ -67,7 +67,7 @@ def _draw_promise(session: Session) -> None:
 
 def _draw_measuring(session: Session) -> None:
     """Which algorithms, how many frames; Measure, or how far it is and Cancel."""
-    lab, em = session.experiments, imgui.get_font_size()
+    lab, em = session.laboratory, imgui.get_font_size()
     half = imgui.get_content_region_avail().x / 2
     for number, name in enumerate(lab.chosen):
         if number % 2:
@@ -97,7 +97,7 @@ def _draw_measuring(session: Session) -> None:
 
 def _draw_fair(session: Session) -> None:
     """What is wanted, and who is to deliver it."""
-    lab, em = session.experiments, imgui.get_font_size()
+    lab, em = session.laboratory, imgui.get_font_size()
     rows: tuple[tuple[str, str, tuple[float, float], str, Callable[[], None], bool], ...] = (
         ("error", "wanted_px", WANTED_PX, "%.2f px", lab.tune_error, False),
         ("time", "wanted_ms", WANTED_MS, "%.1f ms", lab.tune_time, True),
@@ -148,7 +148,7 @@ def _draw_comparison(session: Session) -> None:
 
 def _draw_waste(session: Session) -> None:
     """What the view cost against what it needs."""
-    lab = session.experiments
+    lab = session.laboratory
     imgui.begin_disabled(lab.is_busy)
     button("Meter this view", "Count what this view cost against what it needs (takes seconds).", lab.meter_waste)
     imgui.end_disabled()
@@ -157,7 +157,7 @@ def _draw_waste(session: Session) -> None:
 
 def waste_figures(session: Session) -> list[tuple[str, str]]:
     """The waste meter, as (name, value); what was not measured is left out."""
-    waste = session.experiments.waste
+    waste = session.laboratory.waste
     if waste is None:
         return []
     spent = waste.triangles / max(waste.needed, 1)
@@ -176,7 +176,7 @@ def waste_figures(session: Session) -> list[tuple[str, str]]:
 
 def _draw_flight(session: Session) -> None:
     """The flight's timeline, and below it where it is not stable; a click goes there."""
-    lab, em = session.experiments, imgui.get_font_size()
+    lab, em = session.laboratory, imgui.get_font_size()
     duration_s = max(session.flights.duration_s, 1e-3)
     imgui.set_next_item_width(-1.0)
     changed, time_s = imgui.slider_float("##Timeline", session.flights.time_s, 0.0, duration_s, "%.1f s")
@@ -219,7 +219,7 @@ def _draw_flight(session: Session) -> None:
 
 
 def _tell_strip(session: Session, time_s: float) -> None:
-    frames = session.experiments.strip
+    frames = session.laboratory.strip
     if frames:
         frame = min(frames, key=lambda frame: abs(frame.time_s - time_s))
         told = f"{frame.holes_px} px of holes, popping {frame.popping_px:.2f} px, {frame.frame_ms:.1f} ms"

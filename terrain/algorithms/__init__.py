@@ -1,0 +1,1 @@
+"""What to draw for a view, in numpy: a module per paper, and what several of them share."""

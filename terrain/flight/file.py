@@ -1,4 +1,9 @@
-"""The flight file, ``*.flight.json``, as the README describes it, and names that are still free."""
+"""The flight file, ``*.flight.json``, and names that are still free.
+
+One JSON object: ``format`` and ``version``; ``name``; ``terrain``, its ``crs`` and ``origin`` (easting and northing of
+the north-west post), where it has them; ``keyframes``, each with ``t`` [s], ``position`` [m] (east of that post,
+height, south of it) and, in degrees, ``yaw`` clockwise from north, ``pitch`` up, ``roll`` clockwise, vertical ``fov``.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import pytest
 from imgui_bundle import imgui
 from ui_harness import UiHarness
 
-from app.session.exporter import Order
+from app.session.export import Order
 from app.session.navigation import MODES
 from app.session.preferences import Preferences
 from app.windows.table import WINDOWS

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 from ui_harness import UiHarness
 
 from app.flying.flight_lines import way_segments
-from app.session.exporter import Order
+from app.session.export import Order
 from app.viewer import gui
 from app.viewer.keys import bindings
 from terrain.camera import Camera

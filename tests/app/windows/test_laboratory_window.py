@@ -10,7 +10,7 @@ import pytest
 from imgui_bundle import imgui, implot
 from ui_harness import UiHarness
 
-from app.session.experiments import TOLERANCES_PX, run_point
+from app.session.laboratory import TOLERANCES_PX, run_point
 from app.windows.laboratory import waste_figures
 from terrain.measure.strip import StripFrame
 from terrain.measure.waste import Waste
@@ -29,10 +29,10 @@ def ui(session):
 def wait(ui, ctx, frames=400):
     """Until the task is done."""
     for _ in range(frames):
-        if not ui.session.experiments.is_busy:
+        if not ui.session.laboratory.is_busy:
             return
         ctx.yield_()
-    raise AssertionError(f"{ui.session.experiments.doing} never ends")
+    raise AssertionError(f"{ui.session.laboratory.doing} never ends")
 
 
 def measured(algorithm, tolerance, ms, px):
@@ -44,7 +44,7 @@ def measured(algorithm, tolerance, ms, px):
 
 def with_runs(session):
     runs = [measured("geomorph", 1.0, 20.0, 0.8), measured("multiresolution", 4.0, 5.0, 3.0)]
-    session.experiments.results = {"runs": runs}
+    session.laboratory.results = {"runs": runs}
     return runs
 
 
@@ -61,18 +61,18 @@ def test_key_and_button_show_and_hide_the_laboratory(ui):
 
 
 def test_the_gauge_shows_what_the_picture_delivers(ui):
-    found = ui.session.experiments.delivered
+    found = ui.session.laboratory.delivered
     assert found is not None
     assert (found.algorithm, found.tolerance_px) == (ui.session.algorithm, 1.0)
     assert 0.0 < found.p999_px <= found.max_px
     assert found.is_kept
-    assert len(ui.session.experiments.trail) == 1
+    assert len(ui.session.laboratory.trail) == 1
 
 
 def test_measuring_stops_while_nothing_changes_and_goes_on_when_something_does(ui, monkeypatch):
-    lab, session = ui.session.experiments, ui.session
-    monkeypatch.setattr("app.session.experiments.LIVE_PAUSE_S", 0.0)
-    monkeypatch.setattr("app.session.experiments.LIVE_SHARE", math.inf)
+    lab, session = ui.session.laboratory, ui.session
+    monkeypatch.setattr("app.session.laboratory.LIVE_PAUSE_S", 0.0)
+    monkeypatch.setattr("app.session.laboratory.LIVE_SHARE", math.inf)
     lab._pause_until_s = 0.0
     for _ in range(5):
         ui.frame()
@@ -91,7 +91,7 @@ def test_measuring_stops_while_nothing_changes_and_goes_on_when_something_does(u
 
 
 def test_measure_sweeps_in_slices_and_the_points_are_saved(ui, tmp_path):
-    session, lab = ui.session, ui.session.experiments
+    session, lab = ui.session, ui.session.laboratory
 
     def steps(ctx):
         ctx.set_ref(LABORATORY)
@@ -116,9 +116,9 @@ def test_measure_sweeps_in_slices_and_the_points_are_saved(ui, tmp_path):
 
 
 def test_cancel_keeps_what_is_done(ui, monkeypatch):
-    lab = ui.session.experiments
+    lab = ui.session.laboratory
     for name in ("BUDGET_S", "STILL_BUDGET_S"):
-        monkeypatch.setattr(f"app.session.experiments.{name}", 0.0)
+        monkeypatch.setattr(f"app.session.laboratory.{name}", 0.0)
 
     def steps(ctx):
         ctx.set_ref(LABORATORY)
@@ -168,7 +168,7 @@ def test_a_click_on_a_point_draws_with_it(ui):
 
 
 def test_equal_error_and_equal_time_tune_the_chosen_algorithms(ui):
-    session, lab = ui.session, ui.session.experiments
+    session, lab = ui.session, ui.session.laboratory
     for name in lab.chosen:
         lab.chosen[name] = name in ("geomorph", "multiresolution")
 
@@ -197,7 +197,7 @@ def test_equal_error_and_equal_time_tune_the_chosen_algorithms(ui):
 
 
 def test_best_for_me_chooses_among_what_was_measured(ui):
-    session, lab = ui.session, ui.session.experiments
+    session, lab = ui.session, ui.session.laboratory
 
     def steps(ctx):
         ctx.set_ref(LABORATORY)
@@ -226,7 +226,7 @@ def test_the_waste_of_a_view_is_metered(ui):
         wait(ui, ctx)
 
     ui.run(steps)
-    waste = ui.session.experiments.waste
+    waste = ui.session.laboratory.waste
     assert waste.triangles == ui.session.stats.triangles
     assert 0 < waste.needed < waste.triangles
     assert dict(waste_figures(ui.session))["triangles drawn"] == f"{waste.triangles:,}"
@@ -234,7 +234,7 @@ def test_the_waste_of_a_view_is_metered(ui):
 
 def test_waste_that_was_not_measured_is_left_out(session):
     assert waste_figures(session) == []
-    session.experiments.waste = Waste(10, 100, None, 1.0, 1.0, None, None, 1.0, 5)
+    session.laboratory.waste = Waste(10, 100, None, 1.0, 1.0, None, None, 1.0, 5)
     shown = dict(waste_figures(session))
     assert shown["needed for its error"] == "about 5 (1 : 2.0)"
     assert "smaller than a pixel" not in shown
@@ -242,8 +242,8 @@ def test_waste_that_was_not_measured_is_left_out(session):
 
 
 def test_the_strip_is_measured_and_a_click_goes_there(ui, monkeypatch):
-    session, lab = ui.session, ui.session.experiments
-    monkeypatch.setattr("app.session.experiments.STRIP_FRAMES", 6)
+    session, lab = ui.session, ui.session.laboratory
+    monkeypatch.setattr("app.session.laboratory.STRIP_FRAMES", 6)
 
     def steps(ctx):
         ctx.set_ref(LABORATORY)
@@ -270,7 +270,7 @@ def test_replay_goes_on_from_where_the_timeline_was_clicked(ui):
 
 
 def test_a_strip_with_trouble_is_drawn(ui):
-    ui.session.experiments.strip = [StripFrame(0.0, 5, 9.0, 1.0), StripFrame(1.0, 0, 0.0, 90.0)]
+    ui.session.laboratory.strip = [StripFrame(0.0, 5, 9.0, 1.0), StripFrame(1.0, 0, 0.0, 90.0)]
     ui.frame()
 
 
@@ -364,10 +364,10 @@ def test_a_task_that_fails_is_told_and_ends(ui, monkeypatch):
     def fail(*args):
         raise ValueError("too large")
 
-    monkeypatch.setattr("app.session.experiments.measure_waste", fail)
-    ui.session.experiments.meter_waste()
+    monkeypatch.setattr("app.session.laboratory.measure_waste", fail)
+    ui.session.laboratory.meter_waste()
     ui.frame()
-    assert not ui.session.experiments.is_busy
+    assert not ui.session.laboratory.is_busy
     assert "too large" in ui.session.message
 
 
@@ -376,7 +376,7 @@ def test_exaggeration_forgets_what_was_measured(ui):
     ui.session.compare("split")
     ui.frame()
     ui.session.exaggerate(2.0)
-    assert ui.session.experiments.runs == []
+    assert ui.session.laboratory.runs == []
     ui.frame()
 
 

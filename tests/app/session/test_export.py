@@ -14,7 +14,7 @@ from app.flying.controls import Inputs
 from app.output.png import PngWriter
 from app.output.rendering import draw_bands
 from app.output.whereabouts import KEYWORD, straightened, world_file
-from app.session.exporter import Order
+from app.session.export import Order
 from terrain.camera import Camera
 from terrain.flight import Flight, Keyframe
 from terrain.heightfield import Georeference
@@ -140,7 +140,7 @@ def test_an_export_that_fails_is_told_and_leaves_nothing(session, film, tmp_path
 
 
 def test_a_large_picture_is_made_of_tiles_and_says_where_it_was_taken(session, film, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.session.exporter.WINDOW_TILE_PX", 40)
+    monkeypatch.setattr("app.session.export.WINDOW_TILE_PX", 40)
     film(kind="picture", width_px=100, height_px=60)
     with Image.open(tmp_path / "hills-1.png") as image:
         picture, told = np.asarray(image).astype(int), json.loads(image.text[KEYWORD])

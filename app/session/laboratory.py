@@ -1,7 +1,7 @@
 """What the laboratory in the window does: measures while one flies, sweeps, tunes, meters, in slices between frames.
 
 One task at a time: a generator whose steps draw a frame or so each; `work` runs as many as fit into its time. What a
-cancelled task has finished is kept. Knows no window and no ImGui.
+cancelled task has finished is kept.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Delivered(NamedTuple):
         return self.p999_px <= self.tolerance_px
 
 
-class Experiments:
+class Laboratory:
     """The laboratory's state.
 
     Attributes
