@@ -9,7 +9,7 @@ The diagonal of each cell is part of the surface's definition:
   so that each 2 x 2 block of cells with an even origin is a fan around its centre post;
 * ``uniform`` (Alonso and Joan-Arinyo, figure 1a): every cell is cut SW-NE.
 
-``shaders/lib/surface.glsl`` holds the same two rules; ``tests/test_surface_twins.py`` checks one against the other.
+``shaders/lib/surface.glsl`` holds the same two rules; ``tests/terrain/test_surface_twins.py`` compares the two.
 """
 
 from __future__ import annotations
