@@ -168,3 +168,18 @@ def test_a_preview_is_shown_while_a_tree_is_built(session, monkeypatch):
     session.stage.renderer.finish()
     session.draw((64, 36))
     assert not session.stage.unfinished
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [(MemoryError(), "too little memory"), (RuntimeError(), "RuntimeError"), (ValueError("odd"), "odd")],
+)
+def test_an_algorithm_that_cannot_be_used_says_why_and_the_present_one_stays(session, monkeypatch, error, why):
+    def refuse(*_):
+        raise error
+
+    before = session.algorithm
+    monkeypatch.setattr(session.stage, "set_renderer", refuse)
+    session.algorithms.choose("reference")
+    assert session.message == f"Reference cannot be used here: {why}."
+    assert session.algorithm == before
