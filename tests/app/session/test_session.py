@@ -14,7 +14,7 @@ from app.places.framing import clearance_above, least_clearance_m
 from app.session.session import SETTLE_S
 from terrain.algorithms.multiresolution import load_tree
 from terrain.camera import Camera
-from terrain.renderers import multiresolution
+from terrain.renderers import RENDERERS, multiresolution
 from terrain.textures.array_source import ArraySource, whole_extent
 
 FORWARD, NOTHING = Inputs(forward=1.0), Inputs()
@@ -181,5 +181,5 @@ def test_an_algorithm_that_cannot_be_used_says_why_and_the_present_one_stays(ses
     before = session.algorithm
     monkeypatch.setattr(session.stage, "set_renderer", refuse)
     session.algorithms.choose("reference")
-    assert session.message == f"Reference cannot be used here: {why}."
+    assert session.message == f"{RENDERERS['reference'].title} cannot be used here: {why}."
     assert session.algorithm == before
