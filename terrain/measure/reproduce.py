@@ -1,6 +1,6 @@
 """The frame of every reproduction: a paper's tables measured on this machine, the paper's numbers beside ours.
 
-Each algorithm keeps its own in ``terrain/measure/reproduce_<name>.py``: one function
+Each algorithm keeps its own in ``terrain/measure/papers/<name>.py``: one function
 ``reproduce(gpu, folder, progress)`` that measures and returns a `Reproduction`. It is found by its name; what it
 returns is written as JSON, CSV and pictures, and printed as text.
 """
@@ -185,4 +185,4 @@ def _one_two_five(value: float, _: float) -> str:
 
 
 def _module(algorithm: str) -> str:
-    return f"terrain.measure.reproduce_{algorithm}"
+    return f"terrain.measure.papers.{algorithm}"

@@ -110,7 +110,7 @@ def test_reproduce_prints_and_writes_the_tables(tmp_path, capsys, monkeypatch):
         table = Table("table7", "Table 7: speeds", ("posts", "ours [fps]", "paper [fps]"), [(513, 20.0, 66.25)])
         return Reproduction([table], (), [Claim("it is fast", "66 fps", "20 fps", False)])
 
-    monkeypatch.setattr("terrain.measure.reproduce_geomorph.reproduce", found)
+    monkeypatch.setattr("terrain.measure.papers.geomorph.reproduce", found)
     assert run("reproduce", "geomorph", "--out", "out") == 0
     said = capsys.readouterr().out
     assert "66.25" in said

@@ -11,7 +11,8 @@ import pytest
 from terrain.camera import Camera
 from terrain.errors import InputError
 from terrain.heightfield import Heightfield
-from terrain.measure import reproduce_geomorph
+from terrain.measure.papers import geomorph
+from terrain.measure.papers.geomorph import PAPER_FPS, Plan, coarsened, measure
 from terrain.measure.reproduce import (
     Claim,
     Plot,
@@ -22,7 +23,6 @@ from terrain.measure.reproduce import (
     reproducible,
     write_reproduction,
 )
-from terrain.measure.reproduce_geomorph import PAPER_FPS, Plan, coarsened, measure
 
 TABLE = Table(
     "table1", "Table 1: speeds", ("size", "ours [fps]", "paper [fps]"), [("513", 61.25, 66), ("1025", None, 28)]
@@ -100,7 +100,7 @@ def test_tables_2_and_7_are_measured(gpu) -> None:
 
 
 def test_the_paper_s_numbers_stand_beside_ours() -> None:
-    row = reproduce_geomorph._Row(1025, 17, (50.0, 51.0, 60.0), 1234)
-    table = reproduce_geomorph._speed_table([row])
+    row = geomorph._Row(1025, 17, (50.0, 51.0, 60.0), 1234)
+    table = geomorph._speed_table([row])
     assert tuple(table.rows[0][-2:]) == PAPER_FPS[1025, 17]
     assert table.rows[0][4] == pytest.approx(2.0)

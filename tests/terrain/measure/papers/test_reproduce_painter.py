@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from terrain.measure import reproduce_painter
+from terrain.measure.papers import painter
+from terrain.measure.papers.mountains import benchmark_terrain
+from terrain.measure.papers.painter import Plan, compare_modes, measure
+from terrain.measure.papers.painter_tables import PAPER, PAPER_RANDOMNESS, RANDOMNESS
 from terrain.measure.reproduce import format_table, write_reproduction
-from terrain.measure.reproduce_painter import PAPER, PAPER_RANDOMNESS, Plan, benchmark_terrain, compare_modes, measure
 from terrain.renderers.painter import PainterRenderer
 
 
@@ -31,14 +33,14 @@ def test_every_table_figure_and_claim_is_there(gpu, tmp_path, monkeypatch):
 def test_the_papers_tables_are_whole():
     for posts, eyes in PAPER.items():
         assert {len(values) for eye in eyes for values in eye.values()} == {9 if posts < 2048 else 8}
-    assert {len(values) for values in PAPER_RANDOMNESS.values()} == {len(reproduce_painter.RANDOMNESS)}
+    assert {len(values) for values in PAPER_RANDOMNESS.values()} == {len(RANDOMNESS)}
 
 
 def test_comparing_modes_sees_a_wrong_order(gpu, monkeypatch):
     pixels, differing = compare_modes(gpu, 12)
     assert pixels == 12 * 96 * 64
     assert differing <= 1e-4 * pixels
-    monkeypatch.setattr(PainterRenderer, "_foot_of", lambda self, frame: reproduce_painter.foot_at(0.0, 0.0))
+    monkeypatch.setattr(PainterRenderer, "_foot_of", lambda self, frame: painter.foot_at(0.0, 0.0))
     assert compare_modes(gpu, 12)[1] > 100
 
 

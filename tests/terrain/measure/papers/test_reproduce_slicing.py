@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from terrain.measure.papers.mountains import benchmark_terrain
+from terrain.measure.papers.slicing import PAPER, Plan, flight_camera, measure
 from terrain.measure.reproduce import format_table, write_reproduction
-from terrain.measure.reproduce_painter import benchmark_terrain
-from terrain.measure.reproduce_slicing import PAPER, Plan, flight_camera, measure
 
 
 @pytest.fixture(autouse=True)

@@ -9,8 +9,8 @@ from terrain.algorithms.refined_cells import refine_cells
 from terrain.algorithms.rtin import padded_shape
 from terrain.camera import Camera
 from terrain.heightfield import Heightfield
-from terrain.measure import reproduce_multiresolution as figure6
-from terrain.measure.reproduce_multiresolution import BAKED, GOURAUD, ONE, TWO, WITH, WITHOUT, Plan
+from terrain.measure.papers import multiresolution as figure6
+from terrain.measure.papers.multiresolution import BAKED, GOURAUD, ONE, TWO, WITH, WITHOUT, Plan
 
 
 def hills(rows: int, cols: int) -> Heightfield:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain.measure import reproduce_perturbation as table1
+from terrain.measure.papers import perturbation as table1
 
 
 @pytest.fixture

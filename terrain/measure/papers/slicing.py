@@ -19,8 +19,8 @@ from terrain.camera import Camera
 from terrain.gpu.context import Gpu
 from terrain.heightfield import Heightfield
 from terrain.measure.cost import time_frame, warm_up
+from terrain.measure.papers.mountains import benchmark_terrain
 from terrain.measure.reproduce import Cell, Claim, Plot, Progress, Reproduction, Table
-from terrain.measure.reproduce_painter import benchmark_terrain
 from terrain.renderers.reference import ReferenceRenderer
 from terrain.renderers.slicing import SlicingRenderer, SlicingSettings, rank_correlation
 from terrain.scene import open_scene
