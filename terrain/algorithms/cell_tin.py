@@ -80,7 +80,7 @@ def _conforming(
     rim: list[Point], points: set[Point], pieces: list[Piece], height_of: dict[Point, float]
 ) -> list[Triangle]:
     """A Delaunay triangulation that has every piece as edges: where one is missing, its middle is added."""
-    west, north = rim[0]
+    (west, north), (east, south) = rim[0], rim[2]
     mesh = Delaunay(UNITS)
     places = list(rim)
     known = set(rim)
@@ -92,9 +92,17 @@ def _conforming(
             height_of.setdefault(point, height)
             mesh.add(point[0] - west, point[1] - north)
 
+    def add_inside(point: Point, height: float) -> Point:
+        """Rounding must not put a new point on a side: the cell beyond would lack it."""
+        if point not in known:
+            point = min(max(point[0], west + 1), east - 1), min(max(point[1], north + 1), south - 1)
+        add(point, height)
+        return point
+
     for point in sorted(points):
         add(point, height_of[point])
-    waiting = [part for piece in _without_crossings(pieces, add, height_of) for part in _at_points(piece, places)]
+    parts = _without_crossings(pieces, add_inside, height_of)
+    waiting = [smaller for part in parts for smaller in _at_points(part, places)]
     edges: set[tuple[Point, Point]] | None = None
     while waiting:
         one, other = waiting.pop()
@@ -104,14 +112,14 @@ def _conforming(
         if (one, other) in edges or (other, one) in edges or middle in (one, other):
             continue
         if middle not in known:
-            add(middle, (height_of[one] + height_of[other]) / 2)
+            middle = add_inside(middle, (height_of[one] + height_of[other]) / 2)
             edges = None
         waiting += [(one, middle), (middle, other)]
     return [(places[c], places[b], places[a]) for a, b, c in mesh.used.tolist()]
 
 
 def _without_crossings(
-    pieces: list[Piece], add: Callable[[Point, float], None], height_of: dict[Point, float]
+    pieces: list[Piece], add: Callable[[Point, float], Point], height_of: dict[Point, float]
 ) -> list[Piece]:
     """The pieces, cut where two cross; there the height is the mean of both."""
     cuts: dict[Piece, list[Point]] = {piece: [] for piece in pieces}
@@ -125,7 +133,7 @@ def _without_crossings(
         if 0 < s < 1 and 0 < t < 1:
             place = round(ax + s * (bx - ax)), round(ay + s * (by - ay))
             heights = [height_of[p] + k * (height_of[q] - height_of[p]) for (p, q), k in ((one, s), (other, t))]
-            add(place, sum(heights) / 2)
+            place = add(place, sum(heights) / 2)
             cuts[one].append(place)
             cuts[other].append(place)
     parts = []

@@ -34,7 +34,7 @@ PATCH_LEVEL = BASE_LEVEL  # refined patches of 8 x 8 cells
 PATCH_CELLS = 1 << PATCH_LEVEL
 MOST_PIECES = 100  # of lines in one cell
 KEPT_CELLS = 500  # fewer are quicker to refine than to keep
-CACHE_VERSION = 1
+CACHE_VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)

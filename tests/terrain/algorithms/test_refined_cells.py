@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from terrain.algorithms import refined_cells
@@ -119,6 +119,7 @@ coordinate = st.integers(-3 * 4, 44 * 4).map(lambda n: n / 4) | st.floats(-5, 45
 @settings(max_examples=60)
 @given(lines=st.lists(st.lists(st.tuples(coordinate, coordinate, st.floats(-50, 50)), min_size=2, max_size=5),
                       min_size=1, max_size=3))  # fmt: skip
+@example([[(0, 0, 0), (6.25, 30.421875, 0), (4.59765625, -4.2265625, 0), (22, 32.75, 0), (0.69921875, -3, 0)]])
 def test_any_lines_leave_a_whole_mesh(lines):
     """Crossing, collinear and repeated ones, along edges of the grid, through posts, and partly outside."""
     check_watertight(terrain := hills(33, 41), refine(terrain, *lines))
