@@ -104,9 +104,11 @@ def press_keys(session: Session) -> None:
     io = imgui.get_io()
     if io.want_text_input:
         return
+    # In a slow frame Ctrl may be let go right after the key: in the frame of its release it still counts.
+    with_ctrl = io.key_ctrl or any(map(imgui.is_key_released, (imgui.Key.left_ctrl, imgui.Key.right_ctrl)))
     for binding in bindings():
         key = binding.key.removeprefix(CTRL)
-        if key and imgui.is_key_pressed(key_named(key), False) and io.key_ctrl == binding.key.startswith(CTRL):
+        if key and imgui.is_key_pressed(key_named(key), False) and with_ctrl == binding.key.startswith(CTRL):
             binding.act(session)
 
 

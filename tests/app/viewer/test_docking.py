@@ -48,6 +48,23 @@ def test_the_panel_is_docked_on_the_left_and_the_laboratory_on_the_right(ui):
     assert free.top > 10.0  # the menu bar
 
 
+@pytest.mark.parametrize("last", ["key", "ctrl"])
+def test_ctrl_counts_however_soon_it_is_let_go(ui, last):
+    """Within one slow frame people press a key and let go of it and of Ctrl."""
+    io, ctrl = imgui.get_io(), (imgui.Key.mod_ctrl, imgui.Key.left_ctrl)
+    is_lens_on = ui.session.layers.stack.lens.is_on
+    for key in ctrl:
+        io.add_key_event(key, True)
+    ui.frame()
+    io.add_key_event(imgui.Key.o, True)
+    for key in (*ctrl, imgui.Key.o) if last == "key" else (imgui.Key.o, *ctrl):
+        io.add_key_event(key, False)
+    for _ in range(4):
+        ui.frame()
+    assert ui.session.layout.is_open("open")  # by Ctrl+O
+    assert ui.session.layers.stack.lens.is_on == is_lens_on  # not by O
+
+
 @pytest.mark.parametrize("window", WINDOWS, ids=lambda window: window.name)
 def test_every_window_is_opened_by_the_menu_and_closed_by_its_cross(ui, window):
     session = ui.session

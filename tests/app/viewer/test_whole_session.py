@@ -35,13 +35,9 @@ class Person:
             self.viewer = subprocess.Popen(program, cwd=folder, env=environment, stderr=errors)
 
     def do(self, *words):
-        """Words of xdotool; a key held with Ctrl is held long enough for a slow window to see both."""
-        slowly = []
-        for word in map(str, words):
-            key = word.removeprefix("ctrl+")
-            held = ["down", "ctrl", "sleep", "0.2", "key", key, "sleep", "0.2", "keyup", "ctrl"]
-            slowly = [*slowly[:-1], "keydown", *held[1:]] if key != word else [*slowly, word]
-        done = subprocess.run(["xdotool", *slowly], env=self.environment, capture_output=True, text=True, check=False)
+        """Words of xdotool; what it prints."""
+        command = ["xdotool", *map(str, words)]
+        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False)
         return done.stdout.split()
 
     def see(self, title):
