@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 from app.session.layers import Layers
 from app.session.session import Session
 from app.windows.theme import packed
-from app.windows.widgets import Form, button
+from app.windows.widgets import Form, button, text_field
 from terrain.textures.layers import BLENDS, PLACES, Layer
 from terrain.textures.library import title_of
 from terrain.textures.thematic import THEMES, Legend, Swatch
@@ -46,12 +46,8 @@ def _draw_adding(layers: Layers) -> None:
     if chosen:
         layers.add(list(THEMES)[chosen - 1])
     imgui.set_next_item_width(-3.6 * imgui.get_font_size())
-    entered, _path[0] = imgui.input_text_with_hint(
-        "##Image file", "an image file", _path[0], imgui.InputTextFlags_.enter_returns_true
-    )
-    imgui.set_item_tooltip(
-        "An image of any size; several joined by + are key frames: a.png+b.png, a.png@1990+b.png@2020."
-    )
+    told = "An image of any size; several joined by + are key frames: a.png+b.png, a.png@1990+b.png@2020."
+    entered, _path[0] = text_field("##Image file", _path[0], told, "an image file")
     imgui.same_line()
     imgui.begin_disabled(not _path[0].strip())
     button("Add", "Put the image on top.", lambda: _add_typed(layers))

@@ -7,7 +7,7 @@ from pathlib import Path
 from imgui_bundle import imgui, imgui_ctx
 
 from app.session.session import Session
-from app.windows.widgets import button
+from app.windows.widgets import button, text_field
 
 LEAST_LIST_EM, BELOW_EM = 8.0, 8.5  # the list of files takes what the rest leaves, and at least this
 
@@ -20,9 +20,8 @@ def draw_open(session: Session) -> None:
     imgui.set_next_item_width(-1.0)
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()  # one may type at once
-    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-    entered, text = imgui.input_text("##Path", str(browser.folder), flags)
-    imgui.set_item_tooltip("A folder to look into, or a file to open; Enter confirms. Files can also be dropped here.")
+    told = "A folder to look into, or a file to open; Enter confirms. Files can also be dropped here."
+    entered, text = text_field("##Path", str(browser.folder), told, flags=imgui.InputTextFlags_.auto_select_all)
     if entered:
         _choose(session, text)
     height = max(imgui.get_content_region_avail().y - BELOW_EM * em, LEAST_LIST_EM * em)

@@ -13,7 +13,7 @@ from app.places.coordinates import EXAMPLES, SYSTEMS
 from app.session.navigation import MODES
 from app.session.session import Session
 from app.windows.theme import bad
-from app.windows.widgets import button
+from app.windows.widgets import button, text_field
 
 
 def draw_places(session: Session) -> None:
@@ -49,10 +49,8 @@ def _draw_go_to(session: Session) -> None:
     hint = f"such as {EXAMPLES[places.system]}"
     if session.layout.raised == "places":
         imgui.set_keyboard_focus_here()  # G, then a coordinate, then Enter
-    entered, places.typed = imgui.input_text_with_hint(
-        "##Coordinate", hint, places.typed, imgui.InputTextFlags_.enter_returns_true
-    )
-    imgui.set_item_tooltip(f"Two numbers, {hint}; Enter flies there.")
+    told = f"Two numbers, {hint}; Enter flies there."
+    entered, places.typed = text_field("##Coordinate", places.typed, told, hint)
     imgui.same_line()
     if imgui.button("Go", (-1.0, 0.0)) or entered:
         places.go_to(places.typed)
@@ -70,10 +68,8 @@ def _draw_bookmarks(session: Session) -> None:
         button("Go", f"Fly to it{' (N: the next)' if number == 0 else ''}.", partial(places.visit, bookmark.name))
         imgui.same_line()
         imgui.set_next_item_width(-5.0 * imgui.get_font_size())
-        flags = imgui.InputTextFlags_.enter_returns_true
-        changed, name = imgui.input_text("##Name", bookmark.name, flags)
-        imgui.set_item_tooltip("Its name: type another, Enter keeps it.")
-        if changed:
+        entered, name = text_field("##Name", bookmark.name, "Its name: type another, Enter keeps it.")
+        if entered:
             places.bookmarks.rename(bookmark.name, name)
         imgui.same_line()
         button("Delete", "Delete the bookmark.", partial(places.bookmarks.remove, bookmark.name))

@@ -101,6 +101,14 @@ def button(title: str, told: str, act: Callable[[], Any]) -> None:
         imgui.set_tooltip(told)
 
 
+def text_field(label: str, text: str, told: str, hint: str = "", flags: int = 0) -> tuple[bool, str]:
+    """A field to type into: whether Enter was pressed, and the text; its tooltip hides nothing while one types."""
+    entered, text = imgui.input_text_with_hint(label, hint, text, flags | imgui.InputTextFlags_.enter_returns_true)
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not imgui.is_item_active():
+        imgui.set_tooltip(told)
+    return entered, text
+
+
 def figures_table(label: str, rows: Iterable[tuple[str, str]], name_em: float) -> None:
     """Names, ``name_em`` wide, and their values."""
     with imgui_ctx.begin_table(label, 2) as table:
