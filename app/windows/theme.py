@@ -52,6 +52,7 @@ def apply_theme(preferences: Preferences, dpi_scale: float = 1.0) -> None:
         imgui.style_colors_dark()
         implot.style_colors_dark()
         style.set_color_(imgui.Col_.text_disabled, (0.62, 0.62, 0.64, 1.0))
+        style.set_color_(imgui.Col_.popup_bg, (0.18, 0.18, 0.18, 1.0))  # sliders show on it as on a window
 
 
 def ink(opacity: float = 1.0) -> Colour:
