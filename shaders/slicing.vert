@@ -1,12 +1,12 @@
 #version 330 core
 // Slices of Roettger and Ertl's adaptive slicing: one instance per slice, made from the small record of its box.
 #include "lib/frame.glsl"
-#include "lib/packed.glsl"
 #include "lib/slices.glsl"
 
 in uint in_slice;
-out vec3 v_at;  // posts from the eye in x and z, metres above it in y
-flat out uint v_slice;
+uniform vec4 u_posts_from_m;
+flat out vec4 v_planes;  // lib/bundle.glsl
+flat out vec3 v_enter;
 
 void main() {
     Bundle bundle = bundle_of(in_slice);
@@ -18,7 +18,9 @@ void main() {
     position[axis] = plane;
     position[across] = (gl_VertexID & 1) == 0 ? low[across] : high[across];
     position[along] = gl_VertexID < 2 ? low[along] : high[along];
-    v_at = vec3(posts_from_eye(position), position.y).xzy;
-    v_slice = in_slice;
+    vec3 posts = vec3(u_posts_from_m.x, 1.0, u_posts_from_m.y);
+    float step = (bundle.far - bundle.near) / bundle.count;
+    v_planes = vec4(vec2(bundle.near, step) * posts[bundle.axis], 1.0 / (step * posts[bundle.axis]), float(bundle.axis));
+    v_enter = (max(bundle.lower, 0.0) + min(bundle.upper, 0.0)) * posts;
     gl_Position = u_clip_from_eye * vec4(position, 1.0);
 }

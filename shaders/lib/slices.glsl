@@ -1,17 +1,17 @@
 // What slices are made of: one record per box, and one word that names a slice; terrain/renderers/slicing_bundles.py
-// writes both. Include after lib/frame.glsl.
+// writes both. Vertex stage; include after lib/frame.glsl.
 uniform sampler2D u_extra0;  // two texels per box, RECORDS_PER_ROW boxes per row
 
 const int RECORDS_PER_ROW = 256;
-const float AXIS_STEP = 1024.0;  // the axis is kept with the number of slices, as so many times this
-const uint BOX_BITS = 20u, LAST_NUMBER = 4095u;  // box in the low bits of the word, number of the slice above
+const float AXIS_STEP = 1024.0;  // the axis is kept with the number of planes, as so many times this
+const uint BOX_BITS = 20u, LAST_NUMBER = 4095u;  // box in the low bits of the word, number of the plane above
 const uint FACES = 6u;                           // numbers from the last one down are the box's own faces
 
 struct Bundle {
     vec3 lower, upper;  // the box, relative to the eye [m]
-    float count;        // slices
+    float count;        // planes
     float border;       // by how much slices reach over the box on every side [m]
-    int axis;           // 0: x-slices, 1: y-slices, 2: z-slices
+    int axis;           // 0: planes across x, 1: y, 2: z
     float near, far;    // from the box's near face to a border behind the far one, along the axis [m]
 };
 
@@ -37,15 +37,4 @@ void plane_of(Bundle bundle, uint name, out int axis, out float plane) {
         axis = bundle.axis;
         plane = mix(bundle.near, bundle.far, (float(number) + 1.0) / bundle.count);
     }
-}
-
-// Along the sight ray, 0 at the eye and 1 at the hit. x: where it was at the plane before, or entered the box; y: how far
-// planes are apart.
-vec2 entry_of(vec3 hit, Bundle bundle) {
-    float step_m = (bundle.far - bundle.near) / bundle.count;
-    // A face may stand anywhere between two planes; 0.01 keeps a plane from being its own predecessor.
-    float number = ceil((hit[bundle.axis] - bundle.near) / step_m - 0.01) - 1.0;
-    vec2 sides = min(bundle.lower.xz / hit.xz, bundle.upper.xz / hit.xz);
-    float previous = (bundle.near + step_m * number) / hit[bundle.axis];
-    return vec2(clamp(max(previous, max(sides.x, sides.y)), 0.0, 1.0), abs(step_m / hit[bundle.axis]));
 }

@@ -8,15 +8,19 @@ Deviations:
 * The hit on a slice is carried back to the surface by secant steps between this plane and the one before (in the
   shader), so planes need not lie a pixel apart. Their distance is the longest over which no ground rises over its chord
   by more than the tolerance (`terrain.algorithms.slicing_tree`).
+* A slice stands for several planes of its bundle: the shader looks at all those between it and the slice before, so
+  that a ray is tested as often as with a slice per plane, and far fewer are drawn.
 * A bundle is closed by the far sides and the bottom of its box, so that a ray that meets the ground and leaves the box
   before the next plane is caught where it leaves. The paper's borders (section 5) leak at steep ground.
 * Horizontal slices are used wherever they are cheaper, not only above 45 degrees: over a flat box a few of them do what
   hundreds of upright ones would.
+* Polygons leave out posts where the tolerance allows it (section 7: "combined with continuous level of detail").
 * Costs follow the pixels that are really touched; polygons take part in the descent, and the cut starts from nodes that
   rise above the horizon.
 
 ``rule="paper"`` brings back the paper's counts, directions, costs, borders and descent from the root. Under either rule
-a box around the eye can only be drawn as polygons, also where slices alone are asked for.
+a box around the eye can only be drawn as polygons, also where slices alone are asked for; by default, so are boxes of
+needles that no planes could follow.
 """
 
 from __future__ import annotations
@@ -73,8 +77,10 @@ class Cut:
         World corners, cut off at the grid's edges.
     direction : ndarray of int32
         POLYGONS, X_SLICES, Y_SLICES or Z_SLICES.
-    slices : ndarray of int32
-        Slices, without the faces that close the bundle; 0 for polygons.
+    planes : ndarray of int32
+        Planes of the bundle, without the faces that close it; 0 for polygons.
+    stride : ndarray of int32
+        Polygons have every 2^stride-th post inside their tile, and every post along its border.
     patches : ndarray of float32, (k, 4)
         Where in the picture the slices are (`patches_of`).
     cost_ms : float
@@ -85,7 +91,8 @@ class Cut:
     lower_m: npt.NDArray[np.float64]
     upper_m: npt.NDArray[np.float64]
     direction: Ints
-    slices: Ints
+    planes: Ints
+    stride: Ints
     patches: Floats
     cost_ms: float
 
@@ -98,6 +105,7 @@ def select_cut(
     mode: Mode = "hybrid",
     rule: Rule = "secant",
     horizon: bool = True,
+    coarse: bool = True,
 ) -> Cut:
     """The boxes to draw for a view, front to back.
 
@@ -116,8 +124,11 @@ def select_cut(
         Whose slice counts and costs.
     horizon : bool
         Whether to drop boxes hidden behind nearer ground (``rule="secant"`` only).
+    coarse : bool
+        Whether polygons may leave out posts (``rule="secant"`` only).
     """
-    view = View(tolerance_px, frame.pixels_per_radian, frame.viewport_px[0] * frame.viewport_px[1], tree.spacing_m)
+    pixels = frame.viewport_px[0] * frame.viewport_px[1]
+    view = View(tolerance_px, frame.pixels_per_radian, pixels, tree.spacing_m, coarse)
     paper = rule == "paper"
     planes = np.concatenate([frame.side_planes, frame.camera.forward[None]]).astype(np.float32)
     first = tree.culler.select(frame, horizon=horizon and not paper, split_ratio=0.0 if paper else START_RATIO)
@@ -147,14 +158,15 @@ class _Choice(NamedTuple):
     parent: npt.NDArray[np.intp]  # index among the nodes looked at before
     nodes: Nodes
     direction: Ints
-    slices: Ints
+    planes: Ints
     slices_ms: Floats  # infinite where slices cannot be used, or (paper) have no bound
     polygons_ms: Floats
+    stride: Ints
 
     def where(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> _Choice:
         return _Choice(
-            self.parent[kept], self.nodes.where(kept), self.direction[kept], self.slices[kept], self.slices_ms[kept],
-            self.polygons_ms[kept],
+            self.parent[kept], self.nodes.where(kept), self.direction[kept], self.planes[kept], self.slices_ms[kept],
+            self.polygons_ms[kept], self.stride[kept],
         )  # fmt: skip
 
 
@@ -182,7 +194,9 @@ def _look_at(
     inside: Floats = np.clip(share, 0, 1).prod(axis=0, dtype=np.float32)
     dx, dz = (np.float32(spacing) for spacing in tree.spacing_m)
     cells = (upper[0] - lower[0]) * (upper[2] - lower[2]) / (dx * dz)
-    boxes = Boxes(lower.T, upper.T, inside, cells, tree.peak_m.T.take(tree.number(nodes), axis=1).T)
+    number = tree.number(nodes)
+    peak, error = (values.take(number, axis=0) for values in (tree.peak_m, tree.error_m))
+    boxes = Boxes(lower.T, upper.T, inside, cells, peak, error)
     bundles = (paper_bundles if paper else refined_bundles)(boxes, view, speeds)
     if paper:  # no bound where the box crosses the near plane or the sides: descend, polygons at the leaves
         crosses = distance < reach
@@ -193,7 +207,7 @@ def _look_at(
 def _decide(tree: SliceTree, frame: Frame, mode: Mode, speeds: Speeds, parts: list[_Choice]) -> Cut:
     """The final choice between slices and polygons, sorted front to back."""
     level, row, col = (np.concatenate(a) for a in zip(*(p.nodes for p in parts), strict=True))
-    direction, slices, slices_ms, polygons_ms = (
+    direction, planes, slices_ms, polygons_ms, stride = (
         np.concatenate(a) for a in zip(*(p[2:] for p in parts), strict=True)
     )  # fmt: skip
     nodes = Nodes(level, row, col)
@@ -204,19 +218,22 @@ def _decide(tree: SliceTree, frame: Frame, mode: Mode, speeds: Speeds, parts: li
         sliced &= slices_ms < polygons_ms
     lower, upper = tree.corners(nodes)
     patches, search_ms = np.zeros((0, 4), np.float32), 0.0
+    # The pass that looks for slices covers more than they do, and estimates are uncertain: small gains are none.
+    gain_ms = (polygons_ms - slices_ms)[sliced].sum() - WORTHWHILE * polygons_ms.sum()
+    if mode == "hybrid" and gain_ms < speeds.search_ms:
+        sliced[:] = False
     if sliced.any():
         patches = patches_of(lower[sliced], upper[sliced], frame)
         search_ms = search_cost_ms(patches, frame.viewport_px, speeds)
-    # The pass that looks for slices covers more than they do, and estimates are uncertain: small gains are none.
-    if mode == "hybrid" and (polygons_ms - slices_ms)[sliced].sum() < search_ms + WORTHWHILE * polygons_ms.sum():
-        sliced[:], search_ms = False, 0.0
-        patches = patches[:0]
+        if mode == "hybrid" and gain_ms < search_ms:
+            sliced[:], patches, search_ms = False, patches[:0], 0.0
     order = front_to_back(tree, frame, nodes)
     sliced = sliced[order]
     cost_ms = float(np.where(sliced, slices_ms[order], polygons_ms[order]).sum()) + search_ms
     return Cut(
         nodes.where(order), lower[order], upper[order], np.where(sliced, direction[order], np.int32(POLYGONS)),
-        np.where(sliced, slices[order], np.int32(0)), patches, cost_ms,
+        np.where(sliced, planes[order], np.int32(0)), stride[order],
+        patches, cost_ms,
     )  # fmt: skip
 
 
@@ -234,7 +251,9 @@ def front_to_back(tree: SliceTree, frame: Frame, nodes: Nodes) -> npt.NDArray[np
     return np.argsort(away, kind="stable")
 
 
-def name_slices(cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool) -> npt.NDArray[np.uint32]:
+def name_slices(
+    cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool, planes_per_slice: int = 1
+) -> npt.NDArray[np.uint32]:  # fmt: skip
     """One word per slice, box by box, front to back inside each.
 
     Parameters
@@ -243,13 +262,17 @@ def name_slices(cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool) -> npt.N
     eye_m : ndarray (3,)
     closed : bool
         Whether bundles are closed by those faces of their box through which rays from the eye leave it.
+    planes_per_slice : int
+        Every so many planes there is a slice, and at the last one.
 
     Returns
     -------
     ndarray of uint32
-        The box in the low `BOX_BITS`, the slice's number above.
+        The box in the low `BOX_BITS`, the number of the slice's plane above.
     """
-    leaves = np.zeros((len(cut.slices), FACE_COUNT), np.bool_)
+    if not cut.planes.any():
+        return np.zeros(0, np.uint32)
+    leaves = np.zeros((len(cut.planes), FACE_COUNT), np.bool_)
     if closed:
         leaves[:, 0::2], leaves[:, 1::2] = cut.lower_m < eye_m, cut.upper_m > eye_m
         leaves[:, 3] = False  # above its highest post a box is empty
@@ -257,10 +280,12 @@ def name_slices(cut: Cut, eye_m: npt.NDArray[np.float64], closed: bool) -> npt.N
         for direction, faces in ((X_SLICES, (0, 1)), (Y_SLICES, (2, 3)), (Z_SLICES, (4, 5))):
             leaves[np.ix_(cut.direction == direction, faces)] = False  # the last slice stands there
     faces_per_box = leaves.sum(axis=1)
-    total = cut.slices + faces_per_box
+    slices = -(-cut.planes // planes_per_slice)
+    total = slices + faces_per_box
     box = np.repeat(np.arange(len(total)), total)
     number = np.arange(len(box)) - np.repeat(np.cumsum(total) - total, total)
-    is_face = number >= cut.slices[box]
+    is_face = number >= slices[box]
+    number = np.minimum((number + 1) * planes_per_slice, cut.planes[box]) - 1
     number[is_face] = LAST_NUMBER - np.nonzero(leaves)[1]
     return np.asarray(box | number << BOX_BITS).astype(np.uint32)
 

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from terrain.algorithms.slicing_tree import STRIDES
+
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 
@@ -28,16 +30,30 @@ LEAF_CELLS = 64
 # Planes never come closer than this share of the tolerance: what is thinner shows in one pixel or not at all. (With the
 # paper's whole pixel, single pixels leaked between the treetops of a city.)
 DENSEST = 0.2
+# Where peaks ask for planes this many times denser still, slices would miss too many: such boxes are polygons.
+NEEDLES = 10.0
+# Polygon boxes are drawn in tiles of 8, 16 and 32 cells.
+TILE_LEVELS = (3, 4, 5)
+# Where all its posts lie this near [tolerances] to the surface of every 2nd, 4th ... post, a tile is drawn with those;
+# next to its border, where those of a finer neighbour are kept, the error may be twice as large.
+FAN_ERROR_PX = 0.9
 # A triangle that no pixel shows costs this share of one that some pixel does.
 UNSEEN = 0.3
 # Seen along the ground most triangles are hidden by others: so many are shown, and so many more per sine of the angle.
 SHOWN_LEVEL, SHOWN_PER_SINE = 0.2, 4.0
+# So many planes of a bundle are looked at by one slice.
+PLANES_PER_SLICE = 8
 # Faces of its own that close a bundle, on average.
 FACES = 2
 # By drawn frames: pixels of a slice cost this many times what those of one that fills the picture do, since rasterisers
-# work on blocks; pixels that show slices, this many times what they do on level ground; pixels beside them in which
-# slices are looked for, so many times.
-BLOCKS, FOUND, IN_VAIN = 1.4, 1.1, 0.5
+# work on blocks; those of triangles, so many times; a triangle, this many times what it does on level ground; pixels
+# that show slices, so many times; pixels beside them in which slices are looked for, so many times.
+BLOCKS, TRIANGLE_BLOCKS, TRIANGLE, FOUND, IN_VAIN = 2.0, 2.5, 1.2, 1.1, 0.5
+
+
+def tile_strides(level: int) -> range:
+    """Strides of fans in a tile of ``level``, as powers of two: at least 2 x 2 cells remain."""
+    return range(1 + min(level - 1, STRIDES))
 
 
 @dataclass(frozen=True)
@@ -50,6 +66,8 @@ class Speeds:
         The paper's 1 / vtx_speed and 1 / rst_speed (section 4).
     slice_ms, slice_pixel_ms : float
         One slice of a few pixels, and one more of its pixels that passes the depth test.
+    plane_pixel_ms : float
+        One plane looked at for one of these pixels.
     found_pixel_ms : float
         One pixel whose surface is looked for between two planes, and shaded.
     triangle_ms, polygon_pixel_ms : float
@@ -62,6 +80,7 @@ class Speeds:
     pixel_ms: float
     slice_ms: float
     slice_pixel_ms: float
+    plane_pixel_ms: float
     found_pixel_ms: float
     triangle_ms: float
     polygon_pixel_ms: float
@@ -69,31 +88,37 @@ class Speeds:
 
 
 class View(NamedTuple):
-    """What the formulas need of a view: tolerance [px], K [px per (size / distance)], its pixels, post spacing [m]."""
+    """What the formulas need of a view: tolerance [px], K [px per (size / distance)], its pixels, post spacing [m].
+
+    ``coarse``: whether polygons may leave out posts.
+    """
 
     tolerance_px: float
     pixels_per_radian: float
     pixels: int
     spacing_m: tuple[float, float]
+    coarse: bool = True
 
 
 class Boxes(NamedTuple):
-    """Boxes relative to the eye: corners (n, 3) [m], the share in the frustum (n,), cells (n,), peaks (n, k) [m]."""
+    """Boxes relative to the eye: corners (n, 3) [m], the share in the frustum, cells, quadtree level (n,)..."""
 
     lower_m: Floats
     upper_m: Floats
     inside: Floats
     cells: Floats
     peak_m: Floats  # column k: over chords of 2^(k + 1) cells
+    error_m: Floats  # column k: of the surface of every 2^(k + 1)-th post
 
 
 class Bundles(NamedTuple):
     """How boxes would be sliced, and what that or their polygons would cost: arrays (n,)."""
 
     direction: Ints
-    slices: Ints
+    planes: Ints
     slices_ms: Floats
     polygons_ms: Floats
+    stride: Ints  # of polygons: every 2^stride-th post
 
 
 def projected_px(length_m: Floats, distance_m: Floats, cosine: Floats | float, pixels_per_radian: float) -> Floats:
@@ -135,6 +160,7 @@ def paper_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
         np.where(from_above, count_y, count_xz).clip(1, MOST_SLICES).astype(np.int32),
         np.where(from_above, cost_y, cost_xz).astype(np.float32),
         np.asarray(10 * fans * vertex_ms + ground_ms, np.float32),
+        np.zeros(len(boxes.cells), np.int32),
     )
 
 
@@ -150,16 +176,20 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     near = np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2).clip(np.float32(1e-3))
     pixel = near * np.float32(view.tolerance_px) / scale  # the paper's spacing [m]
     chord = chord_cells(boxes.peak_m, pixel * np.float32(PEAK_PX))
+    is_needles = chord * max(dx, dz) * np.float32(NEEDLES) < np.float32(DENSEST) * pixel
     # Perspective makes the near part of a box count more than its centre, the more the box surrounds the eye.
     per_m = scale / np.sqrt(distance * near)
     most_px = np.float32(view.pixels)
-    pixel_ms = np.float32(BLOCKS * speeds.slice_pixel_ms) * boxes.inside
+    slice_pixel_ms = np.float32(BLOCKS * speeds.slice_pixel_ms) * boxes.inside
+    plane_pixel_ms = np.float32(speeds.plane_pixel_ms) * boxes.inside
 
     def slices_ms(count: Floats, width_m: Floats, height_m: Floats) -> Floats:
         many = (count > np.float32(MOST_SLICES)) & (boxes.cells > np.float32(LEAF_CELLS + 0.5))
         slice_px = np.minimum(width_m * height_m * per_m * per_m, most_px)
-        cost = (count + np.float32(FACES)) * np.float32(speeds.slice_ms) + count * slice_px * pixel_ms
-        return np.where(many, np.float32(np.inf), cost)
+        slices = np.ceil(count * np.float32(1 / PLANES_PER_SLICE))
+        cost = (slices + np.float32(FACES)) * np.float32(speeds.slice_ms)
+        cost += slices * slice_px * slice_pixel_ms + count * slice_px * plane_pixel_ms
+        return np.where(many | is_needles, np.float32(np.inf), cost)
 
     facing = _facing(boxes, view)
     is_x = facing == X_SLICES
@@ -184,14 +214,19 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     horizontal = cost_y < cost_xz
     # What a box shows: its ground, and half of the side it turns to the eye.
     shown = np.minimum(side * (deep + np.float32(0.5) * tall) * per_m * per_m, most_px) * boxes.inside
-    triangles = 2 * boxes.cells
+    allowed_m = pixel * np.float32(FAN_ERROR_PX if view.coarse else -1)
+    stride = (boxes.error_m <= allowed_m[:, None]).sum(axis=1, dtype=np.int32)
+    triangles = np.ldexp(boxes.cells, 1 - 2 * stride)
     visible = np.minimum(np.float32(SHOWN_LEVEL) + np.float32(SHOWN_PER_SINE) * below / distance, 1)
     dear = np.float32(UNSEEN) * triangles + visible * np.minimum(triangles * boxes.inside, shown)
     return Bundles(
         np.where(horizontal, np.int32(Y_SLICES), facing),
         np.where(horizontal, count_y, count_xz).clip(1, MOST_SLICES).astype(np.int32),
-        np.minimum(cost_y, cost_xz) + np.float32(FOUND * speeds.found_pixel_ms) * shown,
-        dear * np.float32(speeds.triangle_ms) + np.float32(speeds.polygon_pixel_ms) * shown,
+        np.minimum(cost_y, cost_xz)
+        + np.float32(FOUND * speeds.found_pixel_ms + BLOCKS * speeds.slice_pixel_ms + speeds.plane_pixel_ms) * shown,
+        dear * np.float32(TRIANGLE * speeds.triangle_ms)
+        + np.float32(TRIANGLE_BLOCKS * speeds.polygon_pixel_ms) * shown,
+        stride,
     )
 
 

@@ -17,12 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.culling import Culler
-from terrain.pyramid import BASE_LEVEL
+from terrain.pyramid import BASE_LEVEL, Pyramid
 from terrain.scene import Scene
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 
+STRIDES = 3  # every 2nd, 4th or 8th post: both ends of a box of 8 cells stay
 CHORDS = 7  # chords of 2 to 2^7 cells; boxes are rarely wider, and planes never farther apart than a box is wide
 
 
@@ -46,8 +47,11 @@ class SliceTree:
     culler : Culler
         Finds the nodes a cut starts from.
     lowest_m, highest_m : ndarray of float32 (n,)
-    peak_m : ndarray of float32 (n, CHORDS), stored by columns
+    peak_m : ndarray of float32 (n, CHORDS)
         Column k: the most that ground rises over the middle of a chord of 2^(k + 1) cells.
+    error_m : ndarray of float32 (n, STRIDES)
+        Column k: the most that the surface of every 2^(k + 1)-th post is off; infinite where the box's tiles
+        (`terrain.renderers.slicing_fans`) are too small for it, or reach over the grid's far edges.
     offset, rows, cols : ndarray of int32, by level
         Node (level, row, col) stands at offset[level] + row * cols[level] + col.
     cells : tuple of int
@@ -59,6 +63,7 @@ class SliceTree:
     lowest_m: Floats
     highest_m: Floats
     peak_m: Floats
+    error_m: Floats
     offset: Ints
     rows: Ints
     cols: Ints
@@ -112,7 +117,8 @@ def build_slice_tree(scene: Scene) -> SliceTree:
         Culler(scene, BASE_LEVEL),
         np.concatenate([pyramid.minimum(k).ravel() for k in levels]),
         np.concatenate([pyramid.maximum(k).ravel() for k in levels]),
-        np.concatenate([p.reshape(-1, CHORDS).T for p in peaks], axis=1).T,
+        np.concatenate([p.reshape(-1, CHORDS) for p in peaks]),
+        np.concatenate([_errors(pyramid, level).reshape(STRIDES, -1).T for level in levels]),
         np.concatenate([below, np.cumsum([0, *sizes[:-1]], dtype=np.int32)]).astype(np.int32),
         np.concatenate([below, [s[0] for s in shapes]]).astype(np.int32),
         np.concatenate([below, [s[1] for s in shapes]]).astype(np.int32),
@@ -148,6 +154,15 @@ def _peaks(heights: Floats, half: int, rows: int, cols: int) -> Floats:
     inner = peaks[:-1, :-1].reshape(rows, per, cols, per).max(axis=(1, 3))
     south, east = peaks[per::per, :-1].reshape(rows, cols, per), peaks[:-1, per::per].reshape(rows, per, cols)
     return np.maximum.reduce([inner, south.max(axis=2), east.max(axis=1), peaks[per::per, per::per]])
+
+
+def _errors(pyramid: Pyramid, level: int) -> Floats:
+    """Errors of coarser surfaces per node of ``level``, (STRIDES, rows, cols)."""
+    errors = np.full((STRIDES, *pyramid.node_shape(level)), np.inf, np.float32)
+    rows, cols = (cells >> level for cells in pyramid.cells)  # nodes that end inside the grid
+    for k in range(min(level - 1, STRIDES)):  # at least 2 x 2 of its cells in a tile
+        errors[k, :rows, :cols] = pyramid.error(level, k + 1)[:rows, :cols]
+    return errors
 
 
 def _join_four(values: Floats) -> Floats:

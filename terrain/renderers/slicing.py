@@ -2,9 +2,11 @@
 
 Source: S. Röttger, T. Ertl, *Hardware Accelerated Terrain Rendering by Adaptive Slicing*, VMV 2001.
 
-Deviations: those of `terrain.algorithms.slicing`. Slices write nothing but depth and their own name; shading happens
-once per pixel, in the pass that takes the secant steps. Where the eye is outside the grid or in the ground, or the
-terrain has holes, a slice also asks whether the ray came from above the ground: a cut side shows nothing, as in a mesh.
+Deviations: those of `terrain.algorithms.slicing`. Slices write nothing but depth and where the sight ray meets the
+first of their planes that lies in the ground; shading happens once per pixel, in the pass that takes the secant steps.
+Where the eye is outside the grid or in the ground, or the terrain has holes, a slice also asks whether the ray came
+from above the ground: a cut side shows nothing, as in a mesh. Then each plane is a slice of its own, since what lies
+behind a hit may count.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from terrain.algorithms.slicing import BOX_BITS, FACE_COUNT, LAST_NUMBER, Cut, name_slices, patches_of, select_cut
-from terrain.algorithms.slicing_cost import POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
-from terrain.algorithms.slicing_tree import Nodes, build_slice_tree
+from terrain.algorithms.slicing_cost import PLANES_PER_SLICE, POLYGONS, X_SLICES, Y_SLICES, Z_SLICES, Speeds
+from terrain.algorithms.slicing_tree import build_slice_tree
 from terrain.frame import Frame, FrameStats
 from terrain.gpu.context import Gpu
 from terrain.gpu.geometry import Geometry
@@ -28,11 +30,10 @@ from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
 from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, SliceBundles
 from terrain.renderers.slicing_calibration import load_speeds
-from terrain.renderers.tile_mesh import build_tile_indices
+from terrain.renderers.slicing_fans import FanTiles
 from terrain.scene import Scene
 from terrain.textures.sky import Sky
 
-TILE_LEVELS = (3, 4, 5)  # polygon boxes are drawn in tiles of 8, 16 and 32 cells, one draw call each
 SETTLED = 8  # frames a new viewport must stay before its speeds are measured
 SAMPLES = 64  # frames over which estimates are compared with the clock
 
@@ -51,6 +52,11 @@ class SlicingSettings(base.Settings):
         choices=("secant", "paper"),
     )  # fmt: skip
     horizon: bool = setting(True, "Horizon culling", "Drop boxes hidden behind nearer ground (secant only).")
+    coarse: bool = setting(
+        True,
+        "Coarser fans",
+        "Polygons leave out posts where the tolerance allows it (secant only).",
+    )
     antialias: bool = setting(False, "Antialiased slices", "Opacity falls over one pixel at the edge of a slice.")
     figure: bool = setting(False, "Figure 4", "Sliced boxes as boxes, by direction; dark centres of triangle fans.")
     recalibrate: bool = setting(
@@ -73,8 +79,8 @@ class SlicingRenderer:
         self.stats = FrameStats()
         self._gpu, self._scene = gpu, scene
         self._tree = build_slice_tree(scene)
-        self._bundles = SliceBundles(gpu, scene.heightfield.heights_m)
-        self._tiles = {level: _TileSet(gpu, level) for level in TILE_LEVELS}
+        self._bundles = SliceBundles(gpu, scene.heightfield.heights_m, scene.heightfield.spacing_m)
+        self._tiles = FanTiles(gpu, self._tree.cells)
         self._box_names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
         self._box_geometry = Geometry(gpu, "slicing_boxes", "slicing_figure", [(self._box_names, "1u /i", "in_slice")])
         self._sky = Sky(gpu)
@@ -91,15 +97,24 @@ class SlicingRenderer:
         speeds = self._speeds_for(frame.viewport_px)
         self._compare()
         self._cut = cut = select_cut(
-            self._tree, frame, speeds, settings.tolerance_px, settings.mode, settings.rule, settings.horizon
+            self._tree,
+            frame,
+            speeds,
+            settings.tolerance_px,
+            settings.mode,
+            settings.rule,
+            settings.horizon,
+            settings.coarse,
         )
-        self._names = names = name_slices(cut, frame.eye_m, closed=settings.rule == "secant")
-        self._bundles.write_names(names[::-1] if settings.antialias else names)
+        secant = settings.rule == "secant"
+        each = not secant or settings.antialias or self._may_be_underground(frame)  # what lies behind a hit counts too
+        per_slice = 1 if each else PLANES_PER_SLICE
+        self._names = names = name_slices(cut, frame.eye_m, secant, per_slice)
+        self._bundles.write_names(names[::-1] if settings.antialias else names, per_slice)
         uploaded = names.nbytes
         polygons = cut.direction == POLYGONS
-        for level, tiles in self._tiles.items():
-            mine = cut.nodes.level == level if level < TILE_LEVELS[-1] else cut.nodes.level >= level
-            uploaded += tiles.write(split_nodes(cut.nodes.where(polygons & mine), level, self._tree.cells))
+        fans, sliced = cut.nodes.where(polygons), cut.nodes.where(~polygons)
+        uploaded += self._tiles.write(fans, cut.stride[polygons], sliced)
         self._fill_stats(cut, uploaded)
 
     def draw(self, frame: Frame) -> None:
@@ -117,9 +132,7 @@ class SlicingRenderer:
         return Boxes(self._cut.lower_m, self._cut.upper_m, self._cut.direction.astype(np.int64))
 
     def release(self) -> None:
-        for tiles in self._tiles.values():
-            tiles.release()
-        for part in (self._bundles, self._sky, self._box_geometry, self._box_names):
+        for part in (self._tiles, self._bundles, self._sky, self._box_geometry, self._box_names):
             part.release()
 
     def _speeds_for(self, viewport_px: tuple[int, int]) -> Speeds:
@@ -133,8 +146,7 @@ class SlicingRenderer:
         return self._speeds.get(viewport_px, next(reversed(self._speeds.values())))
 
     def _draw_terrain(self, frame: Frame, cut: Cut) -> None:
-        for tiles in self._tiles.values():
-            tiles.draw(frame)
+        self._tiles.draw(frame)
         if not self._bundles.slices:
             return
         paper, bundles, target = self.settings.rule == "paper", self._bundles, self._gpu.ctx.fbo
@@ -171,8 +183,7 @@ class SlicingRenderer:
 
     def _draw_figure(self, frame: Frame, cut: Cut) -> None:
         """Figure 4: boxes instead of slices, fans with dark centres."""
-        for tiles in self._tiles.values():
-            tiles.draw_fans(frame)
+        self._tiles.draw_centres(frame)
         boxes = np.flatnonzero(cut.direction != POLYGONS)
         if not len(boxes):
             return
@@ -195,12 +206,11 @@ class SlicingRenderer:
 
     def _fill_stats(self, cut: Cut, uploaded: int) -> None:
         stats, slices = self.stats, len(self._names)
-        stats.triangles = sum(tiles.triangles for tiles in self._tiles.values())
+        stats.triangles = self._tiles.triangles
         stats.slices = slices
-        stats.draw_calls = sum(tiles.count > 0 for tiles in self._tiles.values()) + 2 * (slices > 0)
+        stats.draw_calls = self._tiles.draw_calls + 2 * (slices > 0)
         stats.uploaded_bytes = uploaded
-        tile_bytes = sum(tiles.resident_bytes for tiles in self._tiles.values())
-        stats.resident_bytes = self._bundles.resident_bytes + tile_bytes
+        stats.resident_bytes = self._bundles.resident_bytes + self._tiles.resident_bytes
         stats.extra = {
             "boxes of x-slices": float((cut.direction == X_SLICES).sum()),
             "boxes of y-slices": float((cut.direction == Y_SLICES).sum()),
@@ -221,64 +231,6 @@ class SlicingRenderer:
             "ns per triangle": 1e6 * speeds.triangle_ms,
             "ns per polygon pixel": 1e6 * speeds.polygon_pixel_ms,
         }
-
-
-class _TileSet:
-    """Polygon tiles of one size: one instanced draw of fans of 2 x 2 cells."""
-
-    def __init__(self, gpu: Gpu, level: int) -> None:
-        self._cells = 1 << level
-        self.count = 0
-        indices = build_tile_indices(self._cells)
-        self._indices = gpu.ctx.buffer(indices)
-        self._posts = gpu.ctx.buffer(reserve=8 << 10, dynamic=True)
-        content = [(self._posts, "2i /i", "in_tile")]
-        self._surface = Geometry(gpu, "reference", "mesh", content, self._indices)
-        self._fans = Geometry(gpu, "slicing_fans", "slicing_figure", content, self._indices)
-
-    @property
-    def triangles(self) -> int:
-        return 2 * self._cells * self._cells * self.count
-
-    @property
-    def resident_bytes(self) -> int:
-        return int(self._indices.size + self._posts.size)
-
-    def write(self, posts: npt.NDArray[np.int32]) -> int:
-        """Upload the north-west posts (n, 2) of the tiles; returns the number of bytes."""
-        self.count = len(posts)
-        if posts.nbytes > self._posts.size:
-            self._posts.orphan(2 * posts.nbytes)
-        self._posts.write(posts)
-        return posts.nbytes
-
-    def draw(self, frame: Frame) -> None:
-        self._render(self._surface, frame)
-
-    def draw_fans(self, frame: Frame) -> None:
-        """The debug picture: dark centres."""
-        self._render(self._fans, frame)
-
-    def _render(self, geometry: Geometry, frame: Frame) -> None:
-        if self.count:
-            geometry.program(frame.output)["u_tile_posts"] = self._cells + 1
-            geometry.render(frame.output, moderngl.TRIANGLES, instances=self.count)
-
-    def release(self) -> None:
-        for part in (self._surface, self._fans, self._indices, self._posts):
-            part.release()
-
-
-def split_nodes(nodes: Nodes, level: int, cells: tuple[int, int]) -> npt.NDArray[np.int32]:
-    """North-west posts (n, 2), col before row, of the tiles of ``level`` in nodes at or above it, inside the grid."""
-    parts = np.left_shift(np.int32(1), nodes.level - level)
-    squares = parts * parts
-    node = np.repeat(np.arange(len(parts)), squares)
-    number = np.arange(len(node)) - np.repeat(np.cumsum(squares) - squares, squares)
-    row = (nodes.row[node] * parts[node] + number // parts[node]) << level
-    col = (nodes.col[node] * parts[node] + number % parts[node]) << level
-    inside = (row < cells[0]) & (col < cells[1])
-    return np.ascontiguousarray(np.stack([col[inside], row[inside]], axis=1), np.int32)
 
 
 def rank_correlation(samples: npt.NDArray[np.float64]) -> float:

@@ -1,6 +1,6 @@
 """The GPU's side of slices: packed heights, one small record per box, one word per slice, and the passes over them.
 
-A record holds two texels: the box's lower corner, and the axis together with the number of slices; its upper corner and
+A record holds two texels: the box's lower corner, and the axis together with the number of planes; its upper corner and
 the width of the border. ``shaders/lib/slices.glsl`` reads them.
 """
 
@@ -21,7 +21,7 @@ from terrain.gpu.geometry import Geometry
 from terrain.gpu.programs import UNITS
 
 RECORDS_PER_ROW = 256
-AXIS_STEP = 1024  # more than the most slices
+AXIS_STEP = 1024  # more than the most planes
 GL_COLOR = 0x1800
 # How far slices reach over their box [px]: corners of triangles are rounded to 1/256 px, and no ray may slip between.
 BORDER_PX = 0.1
@@ -35,12 +35,18 @@ class SliceBundles:
     ----------
     gpu : Gpu
     heights_m : ndarray of float32, (rows, cols)
+    spacing_m : tuple of float
+        dx, dz.
     """
 
-    def __init__(self, gpu: Gpu, heights_m: npt.NDArray[np.float32]) -> None:
+    def __init__(self, gpu: Gpu, heights_m: npt.NDArray[np.float32], spacing_m: tuple[float, float]) -> None:
         self._gpu = gpu
         self.slices = 0
+        self.planes_per_slice = 1
         self._packed = pack_cells(gpu, heights_m)
+        self._spacing_m = np.array(spacing_m)
+        self._per_cell = (1 / self._packed.width, 1 / self._packed.height)
+        self._measures: dict[str, tuple[float, ...]] = {}
         self._names = gpu.ctx.buffer(reserve=4 << 12, dynamic=True)
         self._records = self._texture((2 * RECORDS_PER_ROW, 16), 4, "f4")
         self._patches = gpu.ctx.buffer(reserve=16 << 8, dynamic=True)
@@ -58,26 +64,30 @@ class SliceBundles:
             )
         )  # fmt: skip
         self._hits: tuple[moderngl.Texture, moderngl.Framebuffer, Any] | None = None
-        clear = gpu.function("glClearBufferuiv", None, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)
+        clear = gpu.function("glClearBufferfv", None, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)
         assert clear is not None  # in OpenGL 3.0
         self._clear = clear
 
     @property
     def resident_bytes(self) -> int:
         """Bytes of packed heights and buffers on the GPU."""
-        hits = 0 if self._hits is None else 4 * self._hits[0].width * self._hits[0].height
+        hits = 0 if self._hits is None else 8 * self._hits[0].width * self._hits[0].height
         records = 16 * self._records.width * self._records.height
         return 16 * self._packed.width * self._packed.height + self._names.size + records + hits
 
-    def write_names(self, names: npt.NDArray[np.uint32]) -> None:
+    def write_names(self, names: npt.NDArray[np.uint32], planes_per_slice: int = 1) -> None:
         """Upload the slices to be drawn, in order (`terrain.algorithms.slicing.name_slices`)."""
-        self.slices = len(names)
+        self.slices, self.planes_per_slice = len(names), planes_per_slice
         if names.nbytes > self._names.size:
             self._names.orphan(2 * names.nbytes)
         self._names.write(np.ascontiguousarray(names))
 
     def write_records(self, cut: Cut, frame: Frame, border_px: float) -> int:
         """Upload the boxes of a cut as they stand around the eye of ``frame``; returns the number of bytes."""
+        dx, dz = self._spacing_m
+        first = np.floor(frame.eye_m[[0, 2]] / self._spacing_m)  # as u_eye_post
+        past = frame.eye_m[[0, 2]] / self._spacing_m - first
+        self._measures = {"u_posts_from_m": (1 / dx, 1 / dz, *past), "u_per_cell": self._per_cell}
         records = pack_records(cut, frame, border_px)
         if len(records) > self._records.height:
             self._records.release()
@@ -89,7 +99,7 @@ class SliceBundles:
         """Find the first slice hit at each pixel, in front of what is in ``target`` already; its depth is updated."""
         hits, framebuffer = self._hits_of(target)
         framebuffer.use()
-        self._clear(GL_COLOR, 0, (ctypes.c_uint * 4)(0, 0, 0, 0))
+        self._clear(GL_COLOR, 0, (ctypes.c_float * 4)(0.0, 0.0, 0.0, 0.0))
         self.bind()
         key = ("FROM_ABOVE_ONLY",) if from_above_only else ()
         self._render(self._found[key], "shaded")
@@ -108,6 +118,7 @@ class SliceBundles:
         self._patches.write(patches)
         ctx.disable(moderngl.CULL_FACE)
         ctx.depth_func = "1"  # always: a point found on the slice itself has the very depth that is there
+        self._tell(self._resolve[key].program(output))
         self._resolve[key].render(output, moderngl.TRIANGLE_STRIP, 4, instances=len(patches))
         ctx.depth_func = ">"
         ctx.enable(moderngl.CULL_FACE)
@@ -143,16 +154,22 @@ class SliceBundles:
     def _render(self, geometry: Geometry, output: Output) -> None:
         ctx = self._gpu.ctx
         ctx.disable(moderngl.CULL_FACE)  # both sides of a slice are seen
+        self._tell(geometry.program(output))
         geometry.render(output, moderngl.TRIANGLE_STRIP, 4, instances=self.slices)
         ctx.enable(moderngl.CULL_FACE)
 
+    def _tell(self, program: moderngl.Program) -> None:
+        for name, value in {**self._measures, "u_planes_per_slice": self.planes_per_slice}.items():
+            if name in program:
+                program[name] = value
+
     def _hits_of(self, target: moderngl.Framebuffer) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
-        """Where names are kept: a texture that shares the target's depth."""
+        """Where hits are kept: a texture that shares the target's depth."""
         depth = target.depth_attachment
         if self._hits is None or self._hits[2] is not depth or self._hits[0].size != target.size:
             self._release_hits()
-            names = self._texture((target.width, target.height), 1, "u4")
-            self._hits = names, self._gpu.ctx.framebuffer([names], depth), depth
+            hits = self._texture((target.width, target.height), 2, "f4")
+            self._hits = hits, self._gpu.ctx.framebuffer([hits], depth), depth
         return self._hits[:2]
 
     def _release_hits(self) -> None:
@@ -185,7 +202,7 @@ def pack_cells(gpu: Gpu, heights_m: npt.NDArray[np.float32]) -> moderngl.Texture
 
 def pack_records(cut: Cut, frame: Frame, border_px: float) -> npt.NDArray[np.float32]:
     """The records of a cut's boxes: (rows of RECORDS_PER_ROW boxes, 12 * RECORDS_PER_ROW) float32."""
-    boxes = len(cut.slices)
+    boxes = len(cut.planes)
     lower, upper = cut.lower_m - frame.eye_m, cut.upper_m - frame.eye_m
     gap = np.maximum(np.maximum(lower, -upper), 0.0)
     border = border_px * np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2 + gap[:, 2] ** 2) / frame.pixels_per_radian
@@ -193,5 +210,5 @@ def pack_records(cut: Cut, frame: Frame, border_px: float) -> npt.NDArray[np.flo
     rows = -(-boxes // RECORDS_PER_ROW)
     records = np.zeros((rows * RECORDS_PER_ROW, 8), np.float32)
     used = records[:boxes]
-    used[:, 0:3], used[:, 3], used[:, 4:7], used[:, 7] = lower, axis * AXIS_STEP + cut.slices, upper, border
+    used[:, 0:3], used[:, 3], used[:, 4:7], used[:, 7] = lower, axis * AXIS_STEP + cut.planes, upper, border
     return records.reshape(rows, -1)

@@ -3,7 +3,7 @@
 Source: S. Röttger, T. Ertl, *Hardware Accelerated Terrain Rendering by Adaptive Slicing*, VMV 2001, section 4: "we are
 measuring two characteristic constants at the start up".
 
-Deviation: seven constants instead of two, on a flat terrain made for the purpose and drawn by the renderer's own
+Deviation: eight constants instead of two, on a flat terrain made for the purpose and drawn by the renderer's own
 programs; kept in the disk cache per renderer string and viewport.
 """
 
@@ -18,7 +18,7 @@ import moderngl
 import numpy as np
 
 from terrain.algorithms.slicing import Cut, name_slices
-from terrain.algorithms.slicing_cost import UNSEEN, Y_SLICES, Speeds
+from terrain.algorithms.slicing_cost import PLANES_PER_SLICE, UNSEEN, Y_SLICES, Speeds
 from terrain.algorithms.slicing_tree import Nodes
 from terrain.cache import load_arrays, store_arrays
 from terrain.camera import Camera
@@ -32,7 +32,7 @@ from terrain.heightfield import Heightfield
 from terrain.renderers.slicing_bundles import SliceBundles
 from terrain.renderers.tile_mesh import build_tile_indices
 
-CALIBRATION_VERSION = 2
+CALIBRATION_VERSION = 3
 CELLS, TILE = 256, 32  # of the flat terrain, and of its polygon tiles
 CELL_PX = 1.5  # size of a cell in the picture where triangles are timed
 SMALL_SLICES, SMALL_PX, PLACES = 8192, 4.0, 8  # small slices: how many, their size, at how many places squared
@@ -83,7 +83,7 @@ class _Bench:
         self._ground = ctx.texture(size, 4, np.full((*size, 4), 255, np.uint8))
         self._ground.build_mipmaps()
         self._ground.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
-        self._bundles = SliceBundles(gpu, self._flat.heights_m)
+        self._bundles = SliceBundles(gpu, self._flat.heights_m, self._flat.spacing_m)
         self._block = FrameBlock(gpu)
         self._target = create_target(gpu, viewport_px)
         first = np.stack(np.meshgrid(*[np.arange(0, CELLS, TILE)] * 2), axis=-1).reshape(-1, 2).astype(np.int32)
@@ -109,6 +109,10 @@ class _Bench:
         filled_ms = self._time_ms(lambda: self._draw_polygons(1))
         self._write_slices(near, LARGE_SLICES, float(CELLS), above=True)
         pixel_ms = (self._time_ms(lambda: self._draw_slices(LARGE_SLICES)) - search_ms) / (LARGE_SLICES * pixels)
+        planes = LARGE_SLICES * PLANES_PER_SLICE
+        self._write_slices(near, planes, float(CELLS), above=True, per_slice=PLANES_PER_SLICE)
+        plane_ms = (self._time_ms(lambda: self._draw_slices(LARGE_SLICES)) - search_ms) / (LARGE_SLICES * pixels)
+        plane_ms = (plane_ms - pixel_ms) / (PLANES_PER_SLICE - 1)
         self._write_slices(near, 1, float(CELLS), above=False)
         found_ms = self._time_ms(lambda: self._draw_slices(1, resolve=True)) - search_ms
 
@@ -117,7 +121,8 @@ class _Bench:
             vertex_ms=max(triangle_ms * 8 / 10, least),  # a fan: 8 triangles of 10 vertices
             pixel_ms=max(pixel_ms, least),
             slice_ms=max(slice_ms, least),
-            slice_pixel_ms=max(pixel_ms, least),
+            slice_pixel_ms=max(pixel_ms - plane_ms, least),
+            plane_pixel_ms=max(plane_ms, least),
             found_pixel_ms=max(found_ms / pixels, least),
             triangle_ms=max(triangle_ms, least),
             polygon_pixel_ms=max((filled_ms - 2 * TILE * TILE * UNSEEN * triangle_ms) / pixels, least),
@@ -136,7 +141,9 @@ class _Bench:
         self._ground.use(UNITS["u_ground"])
         return frame
 
-    def _write_slices(self, frame: Frame, count: int, size_m: float, above: bool, places: int = 1) -> None:
+    def _write_slices(
+        self, frame: Frame, count: int, size_m: float, above: bool, places: int = 1, per_slice: int = 1
+    ) -> None:
         """Stacks of horizontal slices of this size, all above the ground or all in it; ``places`` x ``places`` of them.
 
         One behind the other they would keep but one thread of a software rasteriser busy.
@@ -149,9 +156,9 @@ class _Bench:
         lower[:, 1], upper[:, 1] = (depth_m, 2 * depth_m) if above else (-depth_m, 0.0)
         one = np.ones(boxes, np.int32)
         each = count // boxes
-        cut = Cut(Nodes(one, one, one), lower, upper, one * Y_SLICES, one * each, EVERYWHERE, 0.0)
+        cut = Cut(Nodes(one, one, one), lower, upper, one * Y_SLICES, one * each, 0 * one, EVERYWHERE, 0.0)
         self._bundles.write_records(cut, frame, 0.0)
-        self._bundles.write_names(name_slices(cut, frame.eye_m, closed=False))
+        self._bundles.write_names(name_slices(cut, frame.eye_m, False, per_slice), per_slice)
 
     def _draw_polygons(self, tiles: int) -> None:
         self._polygons.program("shaded")["u_tile_posts"] = TILE + 1

@@ -24,7 +24,7 @@ from terrain.algorithms.slicing_cost import (
     refined_bundles,
     search_cost_ms,
 )
-from terrain.algorithms.slicing_tree import CHORDS, Nodes, build_slice_tree
+from terrain.algorithms.slicing_tree import CHORDS, STRIDES, Nodes, build_slice_tree
 from terrain.camera import Camera
 from terrain.frame import Frame
 from terrain.heightfield import Heightfield
@@ -32,8 +32,8 @@ from terrain.pyramid import build_pyramid
 from terrain.scene import Scene
 
 SPEEDS = Speeds(
-    vertex_ms=6e-5, pixel_ms=2e-6, slice_ms=3e-4, slice_pixel_ms=2e-6, found_pixel_ms=2e-5, triangle_ms=8e-5,
-    polygon_pixel_ms=8e-6, search_ms=0.2,
+    vertex_ms=6e-5, pixel_ms=2e-6, slice_ms=3e-4, slice_pixel_ms=2e-6, plane_pixel_ms=1e-6, found_pixel_ms=2e-5,
+    triangle_ms=8e-5, polygon_pixel_ms=8e-6, search_ms=0.2,
 )  # fmt: skip
 SIZE = (320, 240)
 
@@ -70,7 +70,11 @@ FRAMES = {
 def one_box(lower: tuple[float, ...], upper: tuple[float, ...], peak_m: float = 0.0) -> Boxes:
     corners = (np.array([corner], np.float32) for corner in (lower, upper))
     return Boxes(
-        *corners, np.ones(1, np.float32), np.full(1, 64.0, np.float32), np.full((1, CHORDS), peak_m, np.float32)
+        *corners,
+        np.ones(1, np.float32),
+        np.full(1, 64.0, np.float32),
+        np.full((1, CHORDS), peak_m, np.float32),
+        np.full((1, STRIDES), np.inf, np.float32),
     )
 
 
@@ -86,7 +90,7 @@ def test_the_papers_upright_slices_stand_a_tolerance_apart_at_the_nearest_corner
     bundles = paper_bundles(one_box((1000.0, -20.0, -40.0), (1080.0, -10.0, 40.0)), view, SPEEDS)
     expected = np.ceil(80.0 * 500.0 / np.sqrt(1000.0**2 + 10.0**2 + 40.0**2) / tolerance)
     assert bundles.direction[0] == X_SLICES
-    assert bundles.slices[0] == expected
+    assert bundles.planes[0] == expected
 
 
 def test_the_paper_slices_horizontally_above_45_degrees_only() -> None:
@@ -96,7 +100,7 @@ def test_the_paper_slices_horizontally_above_45_degrees_only() -> None:
     assert steep.direction[0] == Y_SLICES
     assert flat.direction[0] == X_SLICES
     nearest = np.sqrt(100.0**2 + 500.0**2 + 40.0**2)
-    assert steep.slices[0] <= np.ceil(20.0 * 500.0 / nearest)
+    assert steep.planes[0] <= np.ceil(20.0 * 500.0 / nearest)
 
 
 def test_the_papers_polygons_cost_ten_vertices_per_fan_and_their_ground() -> None:
@@ -112,7 +116,7 @@ def test_the_papers_polygons_cost_ten_vertices_per_fan_and_their_ground() -> Non
 def test_flat_ground_needs_one_slice() -> None:
     view = View(1.0, 500.0, 76800, (10.0, 10.0))
     bundles = refined_bundles(one_box((2000.0, -30.0, -40.0), (2080.0, -29.0, 40.0)), view, SPEEDS)
-    assert bundles.slices[0] == 1
+    assert bundles.planes[0] == 1
 
 
 @given(
@@ -120,13 +124,13 @@ def test_flat_ground_needs_one_slice() -> None:
     peak=st.floats(0, 50), tolerance=st.floats(0.25, 8),
 )  # fmt: skip
 @settings(max_examples=60, deadline=None)
-def test_upright_slices_are_never_denser_than_a_third_of_a_pixel(x, z, y, height, peak, tolerance) -> None:
+def test_upright_slices_are_never_denser_than_a_fifth_of_a_pixel(x, z, y, height, peak, tolerance) -> None:
     box = one_box((x, y, z), (x + 80.0, y + height, z + 80.0), peak)
     refined = refined_bundles(box, View(tolerance, 400.0, 76800, (10.0, 10.0)), SPEEDS)
     gap = np.maximum(np.maximum(box.lower_m, -box.upper_m), 0)[0]
     nearest = max(float(np.linalg.norm(gap)), 1e-3)
     if refined.direction[0] != Y_SLICES:
-        assert refined.slices[0] <= np.ceil(3 * 80.0 * 400.0 / nearest / tolerance) + 1
+        assert refined.planes[0] <= np.ceil(5 * 80.0 * 400.0 / nearest / tolerance) + 1
     elif np.isfinite(refined.slices_ms[0]):
         assert y + height < 0, "horizontal slices are seen from above only"
 
@@ -211,8 +215,8 @@ def test_modes_draw_what_they_say(tree, name: str) -> None:
     polygons = select_cut(tree, frame, SPEEDS, 1.0, "polygons")
     slices = select_cut(tree, frame, SPEEDS, 1.0, "slices")
     assert (polygons.direction == POLYGONS).all()
-    assert not polygons.slices.any()
-    assert (slices.slices[slices.direction != POLYGONS] >= 1).all()
+    assert not polygons.planes.any()
+    assert (slices.planes[slices.direction != POLYGONS] >= 1).all()
     around = np.flatnonzero(slices.direction == POLYGONS)
     holds_eye = (slices.lower_m <= frame.eye_m) & (slices.upper_m >= frame.eye_m)
     assert holds_eye[around][:, [0, 2]].all(), "only boxes around the eye stay polygons"
@@ -242,7 +246,7 @@ def test_no_slice_is_drawn_where_finding_them_costs_more_than_they_save(tree) ->
 @pytest.mark.parametrize("rule", ["secant", "paper"])
 def test_fewer_slices_at_a_larger_tolerance(tree, rule: str) -> None:
     counts = [
-        select_cut(tree, FRAMES["low"], SPEEDS, t, "slices", rule).slices.sum() for t in (0.25, 1.0, 4.0, 16.0)
+        select_cut(tree, FRAMES["low"], SPEEDS, t, "slices", rule).planes.sum() for t in (0.25, 1.0, 4.0, 16.0)
     ]  # fmt: skip
     assert counts == sorted(counts, reverse=True)
     assert counts[0] > 2 * counts[-1]
@@ -281,10 +285,10 @@ def test_bundles_are_closed_by_the_faces_rays_leave_through(tree, name: str) -> 
     names = name_slices(cut, frame.eye_m, closed=True)
     box, number = names & ((1 << BOX_BITS) - 1), names >> BOX_BITS
     assert (np.diff(box.astype(np.int64)) >= 0).all(), "box by box"
-    for b in range(len(cut.slices)):
+    for b in range(len(cut.planes)):
         mine = number[box == b].astype(int)
         planes = mine[mine < LAST_NUMBER - 5]
-        assert (planes == np.arange(cut.slices[b])).all()
+        assert (planes == np.arange(cut.planes[b])).all()
         faces = {LAST_NUMBER - n for n in mine if n >= LAST_NUMBER - 5}
         leaving = set()
         for axis in range(3):
@@ -298,13 +302,13 @@ def test_bundles_are_closed_by_the_faces_rays_leave_through(tree, name: str) -> 
 
 def test_paper_bundles_are_open(tree) -> None:
     cut = select_cut(tree, FRAMES["low"], SPEEDS, 1.0, "slices", "paper")
-    assert len(name_slices(cut, FRAMES["low"].eye_m, closed=False)) == cut.slices.sum()
+    assert len(name_slices(cut, FRAMES["low"].eye_m, closed=False)) == cut.planes.sum()
 
 
 def test_a_frame_that_looks_away_draws_nothing(tree) -> None:
     for rule in ("secant", "paper"):
         cut = select_cut(tree, frame_at(-500.0, 100.0, 1280.0, 270.0, 0.0), SPEEDS, 1.0, rule=rule)
-        assert len(cut.slices) == 0
+        assert len(cut.planes) == 0
         assert cut.cost_ms == 0.0
 
 
@@ -329,7 +333,7 @@ def test_small_gains_are_none(tree) -> None:
     dear = next(
         cut
         for factor in np.geomspace(1, 100, 30)
-        if not (cut := select_cut(tree, frame, replace(SPEEDS, slice_ms=SPEEDS.slice_ms * factor), 1.0)).slices.any()
+        if not (cut := select_cut(tree, frame, replace(SPEEDS, slice_ms=SPEEDS.slice_ms * factor), 1.0)).planes.any()
     )
     assert not len(dear.patches)
     assert (dear.direction == POLYGONS).all()
