@@ -28,9 +28,11 @@ void main() {
     for (int i = 0; i < MOST_TESTS; ++i) {
         if (at > last) at = planes.end;
         depth = depth_below(sight, at);
-#ifndef FROM_ABOVE_ONLY
-        if (at == planes.end) depth += RAISE_PX * at / u_eye_height.w;
+        bool is_raised = at == planes.end;
+#ifdef FROM_ABOVE_ONLY
+        is_raised = is_raised && depth_below(sight, before) < depth;  // not where the ray comes out of the ground
 #endif
+        if (is_raised) depth += RAISE_PX * at / u_eye_height.w;
         if (depth >= 0.0 || at == planes.end) break;
         before = at;
         at += planes.step;

@@ -31,7 +31,7 @@ LEAF_CELLS = 64
 # paper's whole pixel, single pixels leaked between the treetops of a city.)
 DENSEST = 0.2
 # Where peaks ask for planes this many times denser still, slices would miss too many: such boxes are polygons.
-NEEDLES = 10.0
+NEEDLES = 6.0
 # Polygon boxes are drawn in tiles of 8, 16 and 32 cells.
 TILE_LEVELS = (3, 4, 5)
 # Where all its posts lie this near [tolerances] to the surface of every 2nd, 4th ... post, a tile is drawn with those;
