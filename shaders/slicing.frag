@@ -15,8 +15,8 @@ uniform sampler2D u_ground;
 #endif
 #endif
 
-// Slices reach this far over the ground: coarser fans beside them may stand above it, and no ray must slip below those.
-const float RAISE_PX = 0.1;
+// Slices reach so far over the ground: coarser fans beside them may stand above it, and no ray must slip below those.
+uniform float u_raise_px;
 const int MOST_TESTS = 16;  // a slice stands for fewer planes
 
 out vec2 out_hit;  // x: view depth [m] of the plane, 0: none; y: the axis, and half the share of it at the plane before
@@ -32,7 +32,7 @@ void main() {
 #ifdef FROM_ABOVE_ONLY
         is_raised = is_raised && depth_below(sight, before) < depth;  // not where the ray comes out of the ground
 #endif
-        if (is_raised) depth += RAISE_PX * at / u_eye_height.w;
+        if (is_raised) depth += u_raise_px * at / u_eye_height.w;
         if (depth >= 0.0 || at == planes.end) break;
         before = at;
         at += planes.step;

@@ -28,7 +28,7 @@ from terrain.gpu.geometry import Geometry
 from terrain.heightfield import Diagonal
 from terrain.renderers import base
 from terrain.renderers.base import Boxes, setting
-from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, SliceBundles
+from terrain.renderers.slicing_bundles import BORDER_PX, PAPER_BORDER_PX, RAISE_PX, SliceBundles
 from terrain.renderers.slicing_calibration import load_speeds
 from terrain.renderers.slicing_fans import FanTiles
 from terrain.scene import Scene
@@ -160,7 +160,7 @@ class SlicingRenderer:
             bundles.draw_antialiased(frame.output, paper)
         else:
             underground = self._may_be_underground(frame)
-            bundles.find(target, underground)
+            bundles.find(target, underground, 0.0 if paper else RAISE_PX)
             if frame.output == "overdraw":  # every fragment in front of what was found
                 self._gpu.ctx.depth_func = ">="
                 target.depth_mask = False

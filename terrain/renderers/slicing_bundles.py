@@ -26,6 +26,7 @@ GL_COLOR = 0x1800
 # How far slices reach over their box [px]: corners of triangles are rounded to 1/256 px, and no ray may slip between.
 BORDER_PX = 0.1
 PAPER_BORDER_PX = 1.0  # section 5
+RAISE_PX = 0.1  # how far they reach over the ground, beside coarser polygons
 
 
 class SliceBundles:
@@ -95,13 +96,14 @@ class SliceBundles:
         self._records.write(records, viewport=(0, 0, 2 * RECORDS_PER_ROW, len(records)))
         return records.nbytes
 
-    def find(self, target: moderngl.Framebuffer, from_above_only: bool) -> None:
+    def find(self, target: moderngl.Framebuffer, from_above_only: bool, raise_px: float = RAISE_PX) -> None:
         """Find the first slice hit at each pixel, in front of what is in ``target`` already; its depth is updated."""
         hits, framebuffer = self._hits_of(target)
         framebuffer.use()
         self._clear(GL_COLOR, 0, (ctypes.c_float * 4)(0.0, 0.0, 0.0, 0.0))
         self.bind()
         key = ("FROM_ABOVE_ONLY",) if from_above_only else ()
+        self._found[key].program("shaded")["u_raise_px"] = raise_px
         self._render(self._found[key], "shaded")
         hits.use(UNITS["u_extra1"])
         target.use()
