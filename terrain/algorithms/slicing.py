@@ -63,7 +63,7 @@ BOX_BITS, LAST_NUMBER, FACE_COUNT = 20, 4095, 6
 # Slices are looked for in squares of the picture of this size.
 PATCH_PX = 16
 # Slices are drawn beside polygons where they save this share of what polygons alone would cost.
-WORTHWHILE = 0.1
+WORTHWHILE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
