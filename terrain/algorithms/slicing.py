@@ -63,7 +63,7 @@ BOX_BITS, LAST_NUMBER, FACE_COUNT = 20, 4095, 6
 # Slices are looked for in squares of the picture of this size.
 PATCH_PX = 16
 # Slices are drawn beside polygons where they save this share of what polygons alone would cost.
-WORTHWHILE = 0.25
+WORTHWHILE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def select_cut(
     mode: Mode = "hybrid",
     rule: Rule = "secant",
     horizon: bool = True,
-    coarse: bool = True,
+    coarse: bool = False,
 ) -> Cut:
     """The boxes to draw for a view, front to back.
 
@@ -195,7 +195,7 @@ def _look_at(
     dx, dz = (np.float32(spacing) for spacing in tree.spacing_m)
     cells = (upper[0] - lower[0]) * (upper[2] - lower[2]) / (dx * dz)
     number = tree.number(nodes)
-    peak, error = (values.take(number, axis=0) for values in (tree.peak_m, tree.error_m))
+    peak, error = tree.peak_m.take(number, axis=0), tree.error_m.take(number if view.coarse else number[:0], axis=0)
     boxes = Boxes(lower.T, upper.T, inside, cells, peak, error)
     bundles = (paper_bundles if paper else refined_bundles)(boxes, view, speeds)
     if paper:  # no bound where the box crosses the near plane or the sides: descend, polygons at the leaves

@@ -97,7 +97,7 @@ class View(NamedTuple):
     pixels_per_radian: float
     pixels: int
     spacing_m: tuple[float, float]
-    coarse: bool = True
+    coarse: bool = False
 
 
 class Boxes(NamedTuple):
@@ -108,7 +108,7 @@ class Boxes(NamedTuple):
     inside: Floats
     cells: Floats
     peak_m: Floats  # column k: over chords of 2^(k + 1) cells
-    error_m: Floats  # column k: of the surface of every 2^(k + 1)-th post
+    error_m: Floats  # column k: of the surface of every 2^(k + 1)-th post; asked for by `View.coarse` only
 
 
 class Bundles(NamedTuple):
@@ -214,9 +214,11 @@ def refined_bundles(boxes: Boxes, view: View, speeds: Speeds) -> Bundles:
     horizontal = cost_y < cost_xz
     # What a box shows: its ground, and half of the side it turns to the eye.
     shown = np.minimum(side * (deep + np.float32(0.5) * tall) * per_m * per_m, most_px) * boxes.inside
-    allowed_m = pixel * np.float32(FAN_ERROR_PX if view.coarse else -1)
-    stride = (boxes.error_m <= allowed_m[:, None]).sum(axis=1, dtype=np.int32)
-    triangles = np.ldexp(boxes.cells, 1 - 2 * stride)
+    stride, triangles = np.zeros(len(pixel), np.int32), 2 * boxes.cells
+    if view.coarse:
+        allowed_m = pixel[:, None] * np.float32(FAN_ERROR_PX)
+        stride = (boxes.error_m <= allowed_m).sum(axis=1, dtype=np.int32)
+        triangles = np.ldexp(boxes.cells, 1 - 2 * stride)
     visible = np.minimum(np.float32(SHOWN_LEVEL) + np.float32(SHOWN_PER_SINE) * below / distance, 1)
     dear = np.float32(UNSEEN) * triangles + visible * np.minimum(triangles * boxes.inside, shown)
     return Bundles(

@@ -53,10 +53,9 @@ class SlicingSettings(base.Settings):
     )  # fmt: skip
     horizon: bool = setting(True, "Horizon culling", "Drop boxes hidden behind nearer ground (secant only).")
     coarse: bool = setting(
-        True,
-        "Coarser fans",
-        "Polygons leave out posts where the tolerance allows it (secant only).",
-    )
+        False, "Coarser fans",
+        "Polygons leave out posts where the tolerance allows it (secant only): faster from above over smooth ground.",
+    )  # fmt: skip
     antialias: bool = setting(False, "Antialiased slices", "Opacity falls over one pixel at the edge of a slice.")
     figure: bool = setting(False, "Figure 4", "Sliced boxes as boxes, by direction; dark centres of triangle fans.")
     recalibrate: bool = setting(

@@ -65,6 +65,12 @@ class FanTiles:
         """
         for tiles in self._sets.values():
             tiles.count = 0
+        if not stride.any():  # nothing has to fit to anything
+            level_of = np.minimum(nodes.level, TILE_LEVELS[-1])
+            return sum(
+                self._sets[level, 0, 0].write(split_nodes(nodes.where(level_of == level), level, self._cells))
+                for level in np.unique(level_of).tolist()
+            )
         self._kept[:] = NOTHING
         level_of = np.minimum(sliced.level, TILE_LEVELS[-1])
         for level in np.unique(level_of).tolist():

@@ -54,9 +54,9 @@ def scene_of(heights: np.ndarray, holes: np.ndarray | None = None) -> Scene:
 
 SCENES = {"hills": hills(), "cliffs": cliffs(), "flat": np.zeros((129, 129))}
 WAYS = {
-    "slices": SlicingSettings(mode="slices", coarse=False),
-    "slices and triangles": SlicingSettings(coarse=False),
-    "coarser fans": SlicingSettings(mode="polygons"),
+    "slices": SlicingSettings(mode="slices"),
+    "slices and triangles": SlicingSettings(),
+    "coarser fans": SlicingSettings(mode="polygons", coarse=True),
 }
 CAMERAS = {
     "eye height": Camera((200.0, 66.0, 1100.0), 40.0, -3.0),
@@ -152,7 +152,7 @@ def test_no_seam_opens_between_coarser_fans_and_slices(
             speeds = replace(SPEEDS, triangle_ms=factor * SPEEDS.triangle_ms)
             monkeypatch.setattr(slicing, "load_speeds", lambda gpu, viewport_px, anew, speeds=speeds: speeds)
             stage.renderer.release()
-            stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings(tolerance_px=tolerance))
+            stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings(tolerance_px=tolerance, coarse=True))
             _, is_found = positions(stage, CAMERAS[camera])
             inner = minimum_filter(is_expected, 3 if tolerance < 2 else 17)
             assert not (inner & ~is_found).any()
@@ -172,7 +172,7 @@ def test_a_needle_beside_flat_ground_stays_as_thin_as_it_is(gpu: Gpu) -> None:
     try:
         expected, _ = positions(stage, camera)
         stage.renderer.release()
-        stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings(mode="polygons"))
+        stage.renderer = SlicingRenderer(gpu, scene, SlicingSettings(mode="polygons", coarse=True))
         found, _ = positions(stage, camera)
         assert stage.renderer.stats.triangles < 10_000, "posts are left out"
         assert np.nanmax(np.abs(found - expected)[minimum_filter(~np.isnan(expected), 3)]) < 2.0
@@ -242,7 +242,7 @@ def test_antialiased_slices_soften_the_skyline_and_nothing_else(stage: Stage) ->
 
 def test_figure_4_shows_boxes_and_dark_fan_centres(stage: Stage) -> None:
     camera = CAMERAS["low"]
-    stage.renderer.settings = SlicingSettings(figure=True)
+    stage.renderer.settings = SlicingSettings(figure=True, mode="polygons")
     picture = stage.render(camera, SIZE)
     assert (picture.max(axis=-1) < 40).any(), "dark centres"
     stage.renderer.settings = SlicingSettings(figure=True, mode="slices")
