@@ -101,7 +101,7 @@ class View(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes relative to the eye: corners (n, 3) [m], the share in the frustum, cells, quadtree level (n,)..."""
+    """Boxes relative to the eye: corners (n, 3) [m], the share in the frustum and cells (n,), heights (n, k) [m]."""
 
     lower_m: Floats
     upper_m: Floats

@@ -226,9 +226,11 @@ class SlicingRenderer:
         stats.extra |= {
             "µs per slice": 1e3 * speeds.slice_ms,
             "ns per slice pixel": 1e6 * speeds.slice_pixel_ms,
+            "ns per plane and pixel": 1e6 * speeds.plane_pixel_ms,
             "ns per found pixel": 1e6 * speeds.found_pixel_ms,
             "ns per triangle": 1e6 * speeds.triangle_ms,
             "ns per polygon pixel": 1e6 * speeds.polygon_pixel_ms,
+            "ms to look for slices": speeds.search_ms,
         }
 
 

@@ -3,7 +3,7 @@
 Source: S. Röttger, T. Ertl, *Hardware Accelerated Terrain Rendering by Adaptive Slicing*, VMV 2001, section 4: "we are
 measuring two characteristic constants at the start up".
 
-Deviation: eight constants instead of two, on a flat terrain made for the purpose and drawn by the renderer's own
+Deviation: nine constants instead of two, on a flat terrain made for the purpose and drawn by the renderer's own
 programs; kept in the disk cache per renderer string and viewport.
 """
 

@@ -284,6 +284,7 @@ def test_stats_tell_what_was_chosen(stage: Stage) -> None:
     assert sliced + stats.extra["polygon boxes"] == len(stage.renderer.boxes().level)
     assert stats.extra["fans"] == stats.triangles / 8
     assert stats.extra["estimated ms"] > 0
+    assert stats.extra["ns per plane and pixel"] == pytest.approx(1e6 * SPEEDS.plane_pixel_ms)
     assert stats.extra["measured ms"] == 7.0
     assert -1.0 <= stats.extra["rank correlation"] <= 1.0
 
