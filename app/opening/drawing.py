@@ -12,7 +12,7 @@ from app.opening.settings import apply_settings, read_value
 from terrain.errors import InputError
 from terrain.heightfield import Heightfield
 
-PREFERRED = "geomorph"
+DEFAULT_ALGORITHM = "geomorph"
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,15 @@ def read_drawing(args: argparse.Namespace) -> Drawing:
     from terrain.textures.look import LookSettings
     from terrain.views import VIEWS
 
-    algorithm = args.algorithm or default_algorithm()
-    _choose("algorithm", algorithm, RENDERERS)
-    _choose("view", args.view, VIEWS)
+    algorithm = args.algorithm or DEFAULT_ALGORITHM
+    _choose("an algorithm", algorithm, RENDERERS)
+    _choose("a view", args.view, VIEWS)
     settings, look = apply_settings(args.pairs, RENDERERS[algorithm].Settings(), LookSettings())
     if args.tolerance is not None:
         tolerance = next(field for field in fields(settings) if field.name == "tolerance_px")
         settings = replace(settings, tolerance_px=read_value(tolerance, str(args.tolerance)))
     layers = read_layers(args.layer, args.texture, args.lens, args.layer_time)
     return Drawing(algorithm, settings, look, args.view, layers, args.exaggeration, args.breaklines)
-
-
-def default_algorithm() -> str:
-    """The algorithm that is on when none is named."""
-    from terrain.renderers import RENDERERS
-
-    return PREFERRED if PREFERRED in RENDERERS else next(iter(RENDERERS))
 
 
 def without_waiting(settings: Any) -> Any:
@@ -118,4 +111,4 @@ def _choose(what: str, name: str, known: Any) -> None:
     if name not in known:
         near = difflib.get_close_matches(name, known, 1)
         hint = f"; did you mean {near[0]}?" if near else "."
-        raise InputError(f"Expected an {what} of {', '.join(known)}, found {name!r}{hint}".replace("an view", "a view"))
+        raise InputError(f"Expected {what} of {', '.join(known)}, found {name!r}{hint}")

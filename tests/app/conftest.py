@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.opening.drawing import Drawing, default_algorithm
+from app.opening.drawing import DEFAULT_ALGORITHM, Drawing
 from app.session.session import Session
 from terrain.camera import Camera
 from terrain.flight import demo_flight
@@ -46,8 +46,8 @@ def hills_flight(hills):
 
 @pytest.fixture
 def session(app_gpu, hills, hills_flight, tmp_path):
-    algorithm = default_algorithm()
-    drawing = Drawing(algorithm, RENDERERS[algorithm].Settings(), LookSettings(), "shaded", LayerStack(), 1.0)
+    settings = RENDERERS[DEFAULT_ALGORITHM].Settings()
+    drawing = Drawing(DEFAULT_ALGORITHM, settings, LookSettings(), "shaded", LayerStack(), 1.0)
     with app_gpu.ctx:  # commands under test make contexts of their own, which then are current
         session = Session(app_gpu, hills, drawing, hills_flight, folder=tmp_path)
         session.camera = Camera((52.0, 22.0, 282.0), yaw_deg=25.0, pitch_deg=-11.0)  # across the hills
