@@ -169,9 +169,14 @@ def test_inside_a_tile_the_error_stays_within_the_tolerance(x, y, z, tolerance, 
             continue  # surface_heights counts diagonals from the tile's own corner
         drawn = surface_heights(grid, (cols - col) / (1 << level), (rows - row) / (1 << level))
         error = np.abs(drawn - heights[rows, cols])
-        low, high = heights[rows, cols].min(), heights[rows, cols].max()
-        # A joined tile is as far away as its nearest part only where that part lies: every post counts by itself.
-        gap = np.stack([cols * dx - x, rows * dz - z, np.full(rows.shape, max(low - y, y - high, 0.0))])
+        # A joined tile is as far away as its nearest part only where that part lies: every post counts by itself, at
+        # the heights of its part.
+        below = np.zeros(rows.shape)
+        for i, j in itertools.product(range(0, rows.shape[0], cells), range(0, rows.shape[1], cells)):
+            part = slice(i, i + cells + 1), slice(j, j + cells + 1)
+            low, high = heights[rows, cols][part].min(), heights[rows, cols][part].max()
+            below[part] = max(low - y, y - high, 0.0)
+        gap = np.stack([cols * dx - x, rows * dz - z, below])
         distance = np.linalg.norm(gap, axis=0)
         assert (error <= tolerance * distance / frame.pixels_per_radian * 1.001 + 0.05).all()
 
